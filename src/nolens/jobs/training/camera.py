@@ -38,6 +38,9 @@ _ANGLE = Angle("60", "deg")
 """That scenes before them fill at most."""
 _PIXELS = -0.2, 0.5
 """Logarithm of a factor on the paper's pixels."""
+_STEEPEST = 4.1
+"""Largest angle in degrees that a surface scatters into, on the paper's pixels; on larger ones no
+grid would carry it."""
 _REMEDY = "a camera with fewer or larger pixels, or a coarser grid of its relief, needs less"
 
 
@@ -103,7 +106,7 @@ def _random_cameras(run: Run[TrainOptions]) -> RandomCameras:
         }
         part = {"sensor": sensor.model_copy(update=pixels)}
         coarse = replace(paper, camera=paper.camera.model_copy(update=part))
-        kind, options = _random_mask(random, number)
+        kind, options = _random_mask(random, number, factor)
         loaded = masked(kind, coarse, run.reporter, **options)
         progress = partial(run.reporter.advance, "simulated cameras")
         camera = _by_twin(run, loaded, _ANGLE, 1, part_of(progress, number, _SIMULATED))
@@ -113,9 +116,11 @@ def _random_cameras(run: Run[TrainOptions]) -> RandomCameras:
     return RandomCameras(tuple(known))
 
 
-def _random_mask(random: np.random.Generator, number: int) -> tuple[str, dict[str, Any]]:
-    """One of three kinds, and its options: the paper's lenslets and other ones, which focus on the
-    sensor, and Gaussian surfaces.
+def _random_mask(
+    random: np.random.Generator, number: int, factor: float
+) -> tuple[str, dict[str, Any]]:
+    """One of three kinds, and its options, for a sensor whose pixels are larger by a factor: the
+    paper's lenslets and other ones, which focus on the sensor, and Gaussian surfaces.
     """
 
     def drawn(low: float, high: float) -> float:
@@ -128,8 +133,8 @@ def _random_mask(random: np.random.Generator, number: int) -> tuple[str, dict[st
         return "random-lenslets", {"pitch": f"{pitch:.1f}um", "radius": radius, **seed}
     if number % 3 == 1:
         return "random-lenslets", {"pitch": f"{drawn(60, 150):.1f}um", **seed}
-    angle, feature = f"{drawn(0.4, 4):.2f}deg", f"{drawn(15, 60):.1f}um"
-    return "diffuser", {"angle": angle, "feature": feature, **seed}
+    angle = f"{min(drawn(0.4, 4), _STEEPEST / factor):.2f}deg"
+    return "diffuser", {"angle": angle, "feature": f"{drawn(15, 60):.1f}um", **seed}
 
 
 def _by_twin(
