@@ -8,7 +8,7 @@ from nolens.api.inputs import CallbackReporter, Progress, reported
 from nolens.api.simulate import Camera
 from nolens.design.thickness import ReplicaDesign, thickness_summary
 from nolens.files import read_camera
-from nolens.jobs.designing.mask import masked
+from nolens.jobs.designing.mask import with_mask
 from nolens.jobs.designing.thickness import ThicknessOptions, read_case
 
 
@@ -40,7 +40,7 @@ def design_mask(
     """
     camera = camera if isinstance(camera, Camera) else Camera(camera)
     with reported(progress, "mask") as report:
-        loaded = masked(
+        loaded = with_mask(
             kind,
             camera.loaded,
             CallbackReporter(report),

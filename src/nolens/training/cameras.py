@@ -91,7 +91,7 @@ class RandomCameras:
         electrons = _drawn(random, _ELECTRONS)
         return CameraView(
             psf,
-            _off_or_not(random, psf, side),
+            _light_of_one_psf(random, psf, side),
             gains[:, None, None],
             electrons,
             _READ_ELECTRONS,
@@ -141,7 +141,7 @@ class KnownCamera:
         planes = planes / planes.sum(dim=(-2, -1), keepdim=True).clamp_min(1e-30)
         psf, light = planes[middle], FieldPsf(planes, self.psfs.places / by)
         if light.points == 1 or random.random() >= _OVER_THE_FIELD:
-            light = _off_or_not(random, psf, side)
+            light = _light_of_one_psf(random, psf, side)
         elif random.random() < _ALTERED:
             psf = altered_psf(random, psf)
         tint = np.exp(random.normal(0, _TINT, gains.shape)).astype(np.float32)
@@ -159,7 +159,7 @@ class KnownCamera:
         return int(random.integers(1, max(most, 1) + 1))
 
 
-def _off_or_not(random: np.random.Generator, psf: Tensor, side: int) -> FieldPsf:
+def _light_of_one_psf(random: np.random.Generator, psf: Tensor, side: int) -> FieldPsf:
     """A model's PSF or, mostly, another one on each side of a scene, both a little off."""
     if random.random() >= _OFF:
         return FieldPsf(psf[None], torch.zeros(1, 2))

@@ -220,7 +220,7 @@ MASK_KINDS = Registry[type[MaskOptions]](
 )
 
 
-def masked(kind: str, loaded: LoadedCamera, reporter: Reporter, **options: Any) -> LoadedCamera:
+def with_mask(kind: str, loaded: LoadedCamera, reporter: Reporter, **options: Any) -> LoadedCamera:
     """A camera with another mask, in memory.
 
     Parameters

@@ -16,7 +16,7 @@ from nolens.errors import DataError, FileError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import CAMERA_FILE, PSFS_FILE
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.designing.mask import masked
+from nolens.jobs.designing.mask import with_mask
 from nolens.jobs.run import Run
 from nolens.jobs.training.options import TrainOptions
 from nolens.optics import PointSource
@@ -107,7 +107,7 @@ def _random_cameras(run: Run[TrainOptions]) -> RandomCameras:
         part = {"sensor": sensor.model_copy(update=pixels)}
         coarse = replace(paper, camera=paper.camera.model_copy(update=part))
         kind, options = _random_mask(random, number, factor)
-        loaded = masked(kind, coarse, run.reporter, **options)
+        loaded = with_mask(kind, coarse, run.reporter, **options)
         progress = partial(run.reporter.advance, "simulated cameras")
         camera = _by_twin(run, loaded, _ANGLE, 1, part_of(progress, number, _SIMULATED))
         values = camera.psfs.values
