@@ -309,6 +309,12 @@ def test_a_refinement_makes_the_last_picture(channels: int, network: DenoisingNe
     mended = same(seen[0])
     assert mended.shape == seen[0].picture.shape and float(mended.min()) >= 0
     assert not torch.equal(mended, seen[0].picture)
+    # A share of what it changes, and only where the finest detail is not carried.
+    some = replace(same, share=0.25)(seen[0])
+    torch.testing.assert_close(some, 0.75 * seen[0].picture + 0.25 * mended)
+    carried = seen[0].finest
+    assert torch.equal(replace(same, finest=0.99 * carried)(seen[0]), seen[0].picture)
+    assert torch.equal(replace(same, finest=1.01 * carried)(seen[0]), mended)
     # In other units of brightness it is the same.
     brighter = {
         name: 7 * getattr(seen[0], name) for name in ("fit", "picture", "multiplier", "noise")

@@ -96,6 +96,7 @@ def test_a_network_learns_what_turns_leave(channels: int, monkeypatch: pytest.Mo
     """It changes nothing at first; after some steps whole pictures are nearer to their scenes."""
     monkeypatch.setattr("nolens.training.measurements._SCENE", (40, 48))
     monkeypatch.setattr("nolens.training.measurements._SENSOR", (48, 64))
+    monkeypatch.setattr("nolens.training.unrolled._STEPS_OF_EACH", 8)
     turns = PlugAndPlay(tiny_network(), (0.3, 0.1))
     lessons = RefinementLessons(PicturePool.generate(1, 0), turns, KnownCamera(psfs(channels)))
     network = refinement_network(tiny_network(1))

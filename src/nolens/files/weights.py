@@ -29,6 +29,8 @@ _ACCEPTED = "Accepted is an .npz that `nolens train` wrote"
 _SIZE = {"widths": WIDTHS, "blocks": BLOCKS}
 """What says how large a network is, and of which size one is that does not say it."""
 _WIDEST, _MOST_BLOCKS = 256, 16
+_LIMITS = "share", "finest"
+"""Of a `Refinement`, 0 to 1; one that does not say them has none."""
 
 
 def write_weights(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> None:
@@ -67,6 +69,7 @@ def weights_writers(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> 
     }
     if isinstance(refinement, Refinement):
         about["refines"] = prior.facts["refines"]
+        about |= {name: getattr(refinement, name) for name in _LIMITS}
     arrays = {name: each.half().cpu().numpy() for name, each in network.state_dict().items()}
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
@@ -123,7 +126,8 @@ def read_weights(path: Path) -> PlugAndPlay:
             "of nolens: train it again (nolens train)"
         )
     facts["refines"] = refines
-    return replace(turns, facts=facts, refinement=Refinement(network.eval()))
+    limits = {name: about[name] for name in _LIMITS if name in about}
+    return replace(turns, facts=facts, refinement=Refinement(network.eval(), **limits))
 
 
 def _check_about(about: Mapping[str, Any]) -> None:
@@ -137,6 +141,7 @@ def _check_about(about: Mapping[str, Any]) -> None:
         # Networks of before that were tuned through the turns are false.
         and about.get("white") is True
         and isinstance(about.get("refines", ""), str)
+        and all(_is_fraction(about.get(name, 1.0)) for name in _LIMITS)
         and 0 < len(spreads) <= _SPREADS_AT_MOST
         and all(isinstance(each, float) and 0 < each < _WIDE for each in spreads)
         and all(isinstance(each, list) and 0 < len(each) <= len(WIDTHS) for each in sizes)
@@ -146,6 +151,10 @@ def _check_about(about: Mapping[str, Any]) -> None:
     )
     if not good:
         raise FileError("these are no weights")
+
+
+def _is_fraction(value: object) -> bool:
+    return isinstance(value, float) and 0 < value <= 1
 
 
 def _check_arrays(path: Path, arrays: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> None:
@@ -180,6 +189,11 @@ def _shipped(name: str) -> PlugAndPlay:
 def denoiser() -> PlugAndPlay:
     """The network for white noise that comes with nolens."""
     return _shipped("denoiser")
+
+
+def unrolled() -> PlugAndPlay:
+    """The denoiser's turns, and the network that mends what they leave, which come with nolens."""
+    return _shipped("unrolled")
 
 
 @cache

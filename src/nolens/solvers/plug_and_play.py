@@ -146,11 +146,11 @@ class Fit:
         It is x's noise in the finest band over that in the band with most, of the channel with
         least: where the measurement does not carry it, x has the picture's detail, and no noise.
         """
-        gains = (
+        gains = [
             step.noise_gain(self.penalties(number, spread), BANDS)
             for number, step in enumerate(self.steps)
-        )
-        return min(float(gain[-1] / gain.max()) for gain in gains)
+        ]
+        return _finest(torch.stack(gains))
 
     def first_strength(self, spread: float) -> float:
         """The q that trials begin with, the strongest; 1 where no trial is needed.
@@ -223,9 +223,19 @@ class Turn:
         return self.picture * self.white
 
     @property
+    def finest(self) -> float:
+        """How much of the finest detail the measurement carries, as `Fit.finest`."""
+        return _finest(self.noise)
+
+    @property
     def pictures(self) -> Tensor:
         """What a `Refinement` sees: z, x + d and x, (3, channels, height, width)."""
         return torch.stack([self.picture, self.picture + self.multiplier, self.fit])
+
+
+def _finest(noise: Tensor) -> float:
+    """Of (channels, bands): the finest band over that with most, of the channel with least."""
+    return float((noise[:, -1] / noise.amax(dim=1)).min())
 
 
 @dataclass(frozen=True)
@@ -241,15 +251,25 @@ class Refinement:
     ----------
     network
         Of `REFINED_PICTURES`.
+    share
+        Of what the network changes, how much counts. One that learnt on other cameras than that of
+        the picture changes too much (decision 24).
+    finest
+        A picture whose measurement carries more of the finest detail (`Turn.finest`) stays.
     """
 
     network: DenoisingNetwork
+    share: float = 1.0
+    finest: float = 1.0
 
     def __call__(self, turn: Turn) -> Tensor:
         """The picture without what is not of the scene, in units of the white."""
+        if turn.finest > self.finest:
+            return turn.picture
         network = _on(turn.picture.device, self.network)
         both = [denoise(network, turn.pictures, turn.noise, turn.spread, each) for each in (0, 2)]
-        return torch.stack(both).mean(dim=0).clamp_min(0)
+        mended = torch.stack(both).mean(dim=0).clamp_min(0)
+        return torch.lerp(turn.picture, mended, self.share)
 
 
 @dataclass(frozen=True)

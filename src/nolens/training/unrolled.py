@@ -11,7 +11,7 @@ from torch import Tensor
 from nolens.kernels.threads import one_thread
 from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import FOLDED, PLANES, DenoisingNetwork, noise_planes
-from nolens.solvers.plug_and_play import REFINED_PICTURES, PlugAndPlay
+from nolens.solvers.plug_and_play import REFINED_PICTURES, PlugAndPlay, Refinement
 from nolens.training.cameras import TrainingCamera
 from nolens.training.denoising import Trainer
 from nolens.training.measurements import Example, Shot, random_size, reconstruct_shot, simulate
@@ -19,12 +19,14 @@ from nolens.training.patches import PicturePool
 
 _MOST, _LEAST = 1000, 4
 """Measurements to learn from."""
-_STEPS_OF_EACH = 8
+_STEPS_OF_EACH = 4
 """Steps for each of them."""
 _EXAMPLE_BYTES = 1.8e6
 """Three pictures and the truth, float32, of three channels and 190×190 pixels in the mean."""
 _REAL = 1 / 3
 """Fraction of the patches that are of real measurements, where there are any."""
+_SHARE, _FINEST = 0.7, 0.05
+"""Limits of a `Refinement` that learnt on random cameras (decision 24)."""
 _NEAR = 1e-3
 """Error, of the white, below which smaller ones count no more."""
 _OTHERS = 0.02
@@ -58,6 +60,11 @@ def _without_head(network: DenoisingNetwork) -> dict[str, Tensor]:
     return {
         name: each for name, each in network.state_dict().items() if not name.startswith("head.")
     }
+
+
+def refinement_for_others(network: DenoisingNetwork) -> Refinement:
+    """Of a network that learnt on random cameras, for pictures by others."""
+    return Refinement(network, share=_SHARE, finest=_FINEST)
 
 
 def lessons_bytes(steps: int) -> float:

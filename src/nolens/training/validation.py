@@ -94,6 +94,7 @@ def measured_pictures(
     photographs: Sequence[Tensor] = (),
     pairs: Sequence[Shot] = (),
     progress: ProgressCallback | None = None,
+    refinement: Callable[[DenoisingNetwork], Refinement] = Refinement,
 ) -> HeldOut:
     """Measurements of pictures, reconstructed by turns; a network mends what they leave.
 
@@ -109,6 +110,8 @@ def measured_pictures(
         Real measurements, beside simulated ones.
     progress
         Called with the fraction that is done.
+    refinement
+        Of a network.
     """
     random = _random()
     pictures = _pictures(random, photographs, _MEASURED, lambda: random_size(random)[0])
@@ -127,7 +130,7 @@ def measured_pictures(
             add(kind, simulate(random, picture, random_size(random)[1], camera))
     for shot in pairs:
         add("pairs", shot)
-    return HeldOut(items, _refined_db, _turn_db)
+    return HeldOut(items, lambda network, item: _refined_db(refinement(network), item), _turn_db)
 
 
 def _random() -> np.random.Generator:
@@ -170,10 +173,10 @@ def _noisy_db(item: object) -> float:
     return _db(item.noisy - item.clean)
 
 
-def _refined_db(network: DenoisingNetwork, item: object) -> float:
+def _refined_db(refinement: Refinement, item: object) -> float:
     assert isinstance(item, Example)
     with torch.inference_mode():
-        return _db(Refinement(network)(item.turn) - item.truth, float(item.truth.max()))
+        return _db(refinement(item.turn) - item.truth, float(item.truth.max()))
 
 
 def _turn_db(item: object) -> float:

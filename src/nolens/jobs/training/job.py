@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from nolens.errors import DataError, FileError, OptionError
 from nolens.files import read_picture, write_state
 from nolens.files.pictures import picture_files
 from nolens.files.state import read_about, read_state
-from nolens.files.weights import denoiser, read_weights, weights_writers
+from nolens.files.weights import denoiser, read_weights, unrolled, weights_writers
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.training.camera import training_camera
 from nolens.jobs.training.card import rounded, weights_card
@@ -28,7 +28,12 @@ from nolens.training.cameras import TrainingCamera
 from nolens.training.course import Course, Lessons
 from nolens.training.denoising import NoiseLessons, Schedule, Trainer, network_of
 from nolens.training.patches import PicturePool
-from nolens.training.unrolled import RefinementLessons, lessons_bytes, refinement_network
+from nolens.training.unrolled import (
+    RefinementLessons,
+    lessons_bytes,
+    refinement_for_others,
+    refinement_network,
+)
 from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
 
 SPREADS = tuple(0.3 * (2 / 15) ** (turn / 9) for turn in range(10))
@@ -37,6 +42,7 @@ BATCHES = {"denoiser": (24, 64), "unrolled": (12, 96)}
 """Patches of a batch, and pixels along a side."""
 _CHECKPOINT_S = 180.0
 """From one to the next."""
+_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser, "unrolled": unrolled}
 
 
 @job
@@ -128,28 +134,28 @@ def _photographs(run: Run[TrainOptions], folder: Path | None, side: int) -> list
 def _first(run: Run[TrainOptions]) -> tuple[DenoisingNetwork, dict[str, Any]]:
     """The network to start from, and what a card says of it."""
     options = run.options
-    first, unrolled = options.first, options.prior == "unrolled"
+    first, refines = options.first, options.prior == "unrolled"
     if first == "none":
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(options.seed)
             network = DenoisingNetwork()
-        return (refinement_network(network) if unrolled else network), {"weights": "none"}
+        return (refinement_network(network) if refines else network), {"weights": "none"}
     if isinstance(first, Path):
         run.reads({"weights to start from": first})
-        before = read_weights(first)
-        if before.facts["weights_sha256"] != denoiser().facts["weights_sha256"]:
-            _check_kind(options, before)
+        before, name = read_weights(first), first.name
     else:
-        before = _shipped_denoiser()
-    name = first.name if isinstance(first, Path) else first
+        before, name = _shipped(first), first
     facts = {"weights": name, "sha256": before.facts["weights_sha256"]}
     if isinstance(before.refinement, Refinement):
+        _check_kind(options, "unrolled")
         return _copy(before.refinement.network), facts
-    return (refinement_network(before.network) if unrolled else _copy(before.network)), facts
+    if facts["sha256"] != denoiser().facts["weights_sha256"]:
+        _check_kind(options, "denoiser")
+    return (refinement_network(before.network) if refines else _copy(before.network)), facts
 
 
-def _check_kind(options: TrainOptions, before: PlugAndPlay) -> None:
-    kind = "unrolled" if isinstance(before.refinement, Refinement) else "denoiser"
+def _check_kind(options: TrainOptions, kind: str) -> None:
+    """Refuse weights of another kind to start from."""
     if kind != options.prior:
         raise OptionError(
             f"--start {options.start} holds weights of --prior {kind}, and --prior "
@@ -158,13 +164,13 @@ def _check_kind(options: TrainOptions, before: PlugAndPlay) -> None:
         )
 
 
-def _shipped_denoiser() -> PlugAndPlay:
+def _shipped(name: str) -> PlugAndPlay:
     try:
-        return denoiser()
+        return _SHIPPED[name]()
     except FileError:
         raise FileError(
-            "the weights denoiser, which training starts from, did not come with this nolens: "
-            "begin with none (--prior denoiser --start none)"
+            f"the weights {name}, which training starts from, did not come with this nolens: "
+            "give others (--start FILE.npz), or begin with none (--start none)"
         ) from None
 
 
@@ -176,9 +182,15 @@ def _prior(options: TrainOptions, network: DenoisingNetwork) -> PlugAndPlay:
     """The prior that a trained network makes."""
     if options.prior == "denoiser":
         return PlugAndPlay(network, SPREADS, {"prior": options.prior})
-    turns = _shipped_denoiser()
+    turns = denoiser()
     facts = {"prior": options.prior, "refines": turns.facts["weights_sha256"]}
-    return replace(turns, facts=facts, refinement=Refinement(network))
+    return replace(turns, facts=facts, refinement=_refinement(options)(network))
+
+
+def _refinement(options: TrainOptions) -> Callable[[DenoisingNetwork], Refinement]:
+    """What makes a refinement of a network; with limits where no camera of its own is known."""
+    known = options.camera is not None or options.pairs is not None
+    return Refinement if known else refinement_for_others
 
 
 def _lessons(
@@ -191,9 +203,10 @@ def _lessons(
     """What is learnt from, and what tells how much was learnt."""
     if run.options.prior == "denoiser":
         return NoiseLessons(pool), noisy_pictures(validation)
-    turns = _shipped_denoiser()
+    turns = denoiser()
     watch = partial(run.reporter.advance, "measurements held out")
-    held_out = measured_pictures(turns, camera, validation, pairs.held_out, watch)
+    refinement = _refinement(run.options)
+    held_out = measured_pictures(turns, camera, validation, pairs.held_out, watch, refinement)
     return RefinementLessons(pool, turns, camera, pairs.learnt), held_out
 
 
