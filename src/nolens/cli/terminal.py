@@ -22,7 +22,8 @@ _LONG_S = 60.0
 class TerminalReporter(Reporter):
     """Notes and warnings on standard error; a progress bar where that is a terminal.
 
-    Where it is none, work that takes minutes says so once its pace is known.
+    Where it is none, work that takes minutes says so once its pace is known, and again when half
+    of that is left, or twice as much, as after slow first steps.
 
     The first Ctrl-C during work that goes in steps ends it after a step, and what is done so far
     is written. A second one, or one during any other work, does what it did before the job: the
@@ -35,7 +36,7 @@ class TerminalReporter(Reporter):
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._work = ""
-        self._pace, self._announced = Pace(), ""
+        self._pace, self._announced, self._announced_s = Pace(), "", 0.0
         # FORCE_COLOR and the like make rich take anything for a terminal.
         if sys.stderr is not None and sys.stderr.isatty():
             self._bar = Progress(
@@ -90,10 +91,8 @@ class TerminalReporter(Reporter):
         """Move the bar; a new one, with a clock of its own, for other work than before."""
         left = self._pace.seconds_left(work, done / total)
         if self._bar is None:
-            long = left is not None and left > _LONG_S and self._pace.sure
-            if left is not None and long and self._announced != work:
-                self._announced = work
-                say(f"{printable(text)}: about {duration_text(left)} to go")
+            if left is not None and left > _LONG_S and self._pace.sure:
+                self._announce(work, text, left)
             return
         if not state and left is not None:
             state = _rate_text(total * self._pace.per_second(done / total))
@@ -104,6 +103,13 @@ class TerminalReporter(Reporter):
             self._bar.start()
             self._task, self._work = self._bar.add_task(text, total=total, state=state), work
         self._bar.update(self._task, description=text, completed=done, state=state)
+
+    def _announce(self, work: str, text: str, left: float) -> None:
+        """Say how long work takes, unless that is about what was said of it."""
+        about_as_said = self._announced_s / 2 < left < self._announced_s * 2
+        if work != self._announced or not about_as_said:
+            self._announced, self._announced_s = work, left
+            say(f"{printable(text)}: about {duration_text(left)} to go")
 
     def _put_away(self) -> None:
         """Give the terminal back as it was."""
