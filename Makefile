@@ -144,8 +144,9 @@ build/training/all.done:
 	$(BIN)/python bench/training_photographs.py build/training
 	touch $@
 
-weights: training-photographs $(WEIGHTS)/denoiser.done $(WEIGHTS)/ridge.npz
-	cp $(foreach each,denoiser ridge,$(WEIGHTS)/$(each).npz $(WEIGHTS)/$(each).json) src/nolens/files/trained/
+TRAINED := src/nolens/files/trained
+weights: training-photographs $(WEIGHTS)/denoiser.done $(WEIGHTS)/unrolled.done $(WEIGHTS)/ridge.npz
+	cp $(foreach each,unrolled ridge,$(WEIGHTS)/$(each).npz $(WEIGHTS)/$(each).json) $(TRAINED)
 
 TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/training/train --licence cc0-1.0 \
   --validation build/training/held-out --patience 100 -o $(WEIGHTS)/$(1).npz \
@@ -153,6 +154,12 @@ TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/training/
 
 $(WEIGHTS)/denoiser.done: | training-photographs
 	$(call TRAIN,denoiser) --prior denoiser --start none --steps 75000 --rate 0.0015 --pictures 1500 --precision bfloat16
+	touch $@
+
+# It mends what the denoiser that comes with nolens leaves: that has to be the new one.
+$(WEIGHTS)/unrolled.done: $(WEIGHTS)/denoiser.done
+	cp $(WEIGHTS)/denoiser.npz $(WEIGHTS)/denoiser.json $(TRAINED)
+	$(call TRAIN,unrolled) --prior unrolled --start denoiser --steps 4000 --precision bfloat16
 	touch $@
 
 $(WEIGHTS)/ridge.npz: | training-photographs

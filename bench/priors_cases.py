@@ -34,7 +34,7 @@ UNSEEN: dict[str, Callable[[nl.Camera], nl.Camera]] = {
 UNSEEN_EXPOSURES = (0.9, 0.1)
 KINDS = ("colour-tv", "isotropic-tv")
 """Total variation; the first is the default."""
-TRAINED = ("ridge", "denoiser")
+TRAINED = ("ridge", "denoiser", "unrolled")
 FACTOR, STEPS = 2.0, 5
 FIGURES = ("psnr_db", "ssim", "shown_psnr_db", "shown_ssim", "lpips")
 """As `compare_pictures` names them; smaller is better for the last one alone."""

@@ -22,8 +22,8 @@ from nolens.files import write_png
 from nolens.jobs import ReconstructOptions, Reporter, Result, reconstruct
 
 OUT = Path("docs") / "results"
-PriorName = Literal["tv", "denoiser"]
-PRIORS: tuple[PriorName, ...] = ("tv", "denoiser")
+PriorName = Literal["tv", "denoiser", "unrolled"]
+PRIORS: tuple[PriorName, ...] = ("tv", "denoiser", "unrolled")
 PAIRS = ("im43", "im65", "im157", "im189", "im394")
 # The screen fills columns 60 to 470 of the frame (SOURCES.md beside the data).
 SCREEN = (0, 60, 270, 410)
@@ -40,7 +40,7 @@ class Quiet(Reporter):
 def hand(data: Path, prior: PriorName) -> Result[Tensor]:
     """Reconstruct the hand at full size."""
     folder = data / "diffusercam-hand"
-    name = "hand-denoiser.png" if prior == "denoiser" else "hand.png"
+    name = "hand.png" if prior == "tv" else f"hand-{prior}.png"
     return reconstruct(
         ReconstructOptions(
             measurement=folder / "rawdata_hand_sample.tif",
@@ -117,7 +117,7 @@ def main() -> None:
                 fitted, figures = judged(outcome.value, truth)
                 rows.append({"name": name, **figures, **outcome.summary})
                 panels[name].append(fitted)
-                if prior == "denoiser":
+                if prior == PRIORS[-1]:
                     panels[name].append(truth.clamp(0, 1))
     write_png(
         OUT / "pairs.png", torch.cat([torch.cat(each, dim=-2) for each in panels.values()], dim=-1)
@@ -159,14 +159,16 @@ def table(rows: list[dict[str, object]]) -> str:
     lines += [
         "",
         "The hand (Waller-Lab/DiffuserCam-Tutorial, BSD-3-Clause), 1200×1600 pixels, by total",
-        "variation and by `--prior denoiser`:",
+        "variation, by `--prior denoiser` and by `--prior unrolled`:",
         "",
         "![hand, total variation](hand.png)",
         "",
         "![hand, denoiser](hand-denoiser.png)",
         "",
-        "The five pairs (Waller-Lab/LenslessLearning, BSD-3-Clause): total variation above,",
-        "`--prior denoiser` in the middle, lensed camera below.",
+        "![hand, unrolled](hand-unrolled.png)",
+        "",
+        "The five pairs (Waller-Lab/LenslessLearning, BSD-3-Clause): total variation above, then",
+        "`--prior denoiser` and `--prior unrolled`, lensed camera below.",
         "",
         "![pairs](pairs.png)",
         "",

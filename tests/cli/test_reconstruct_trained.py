@@ -30,7 +30,7 @@ def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
     return record
 
 
-@pytest.mark.parametrize("prior", ["ridge", "denoiser"])
+@pytest.mark.parametrize("prior", ["ridge", "denoiser", "unrolled"])
 def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Path) -> None:
     """The picture is that of `nl.reconstruct`, and the record says which weights it is by."""
     out = tmp_path / "o.tif"
@@ -138,7 +138,7 @@ def test_weights_of_ones_own(camera: Camera, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (("--prior", "mine.txt"), ("--prior", "ridge, denoiser", ".npz")),
+        (("--prior", "mine.txt"), ("--prior", "ridge, denoiser, unrolled", ".npz")),
         (("--prior", "nowhere.npz"), ("nowhere.npz",)),
         (("--prior", "photo.npz"), ("photo.npz", "nolens train")),
         (("--prior", "denoiser", "--method", "wiener"), ("Wiener filter", "trained prior")),

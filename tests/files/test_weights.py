@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from nolens.errors import FileError
-from nolens.files.weights import denoiser, read_weights, ridge, write_weights
+from nolens.files.weights import denoiser, read_weights, ridge, unrolled, write_weights
 from nolens.solvers.denoising_network import DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
 from nolens.training.unrolled import refinement_network
@@ -43,13 +43,14 @@ def test_a_refinement_goes_with_the_denoiser(tmp_path: Path) -> None:
     turns = denoiser()
     network = refinement_network(DenoisingNetwork((8,), (1,)))
     facts = {"prior": "unrolled", "refines": turns.facts["weights_sha256"]}
-    prior = replace(turns, facts=facts, refinement=Refinement(network))
+    prior = replace(turns, facts=facts, refinement=Refinement(network, share=0.5))
     path = tmp_path / "mine.npz"
     write_weights(path, prior, {})
     read = read_weights(path)
     assert read.network is turns.network and read.spreads == turns.spreads
     assert isinstance(read.refinement, Refinement)
     assert torch.equal(read.refinement.network.head.weight, network.head.weight.half().float())
+    assert (read.refinement.share, read.refinement.finest) == (0.5, 1.0)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     assert read.facts == {**facts, "weights_sha256": sha256}
     changed(path, refines="0" * 64)
@@ -64,11 +65,12 @@ def test_same_weights_are_the_same_file(written: tuple[Path, PlugAndPlay]) -> No
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["denoiser", "ridge"])
+@pytest.mark.parametrize("name", ["denoiser", "ridge", "unrolled"])
 def test_hash_of_what_comes_with_nolens_is_its_cards(name: str) -> None:
-    prior = {"denoiser": denoiser, "ridge": ridge}[name]()
+    prior = {"denoiser": denoiser, "ridge": ridge, "unrolled": unrolled}[name]()
     card = json.loads(files("nolens.files.trained").joinpath(f"{name}.json").read_text("utf-8"))
-    assert prior.facts == {"prior": name, "weights_sha256": card["sha256"]}
+    refines = {"refines": denoiser().facts["weights_sha256"]} if name == "unrolled" else {}
+    assert prior.facts == {"prior": name, "weights_sha256": card["sha256"], **refines}
 
 
 def changed(path: Path, **about: object) -> None:
@@ -86,6 +88,8 @@ def changed(path: Path, **about: object) -> None:
         {"white": 1},
         {"white": False},  # Of before: told the noise of the fit in each turn.
         {"refines": 3},
+        {"share": 0.0},
+        {"finest": 1.5},
         {"widths": [8, 13]},
         {"widths": [8]},
         {"widths": [8, 12, 16, 20], "blocks": [1, 1, 1, 1]},

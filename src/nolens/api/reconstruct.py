@@ -160,12 +160,12 @@ def reconstruct(
     detail
         What the automatic `tau` is divided by: 2 shows more detail and more noise.
     prior
-        ``"tv"``, ``"colour-tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``. ``"ridge"`` and
-        ``"denoiser"`` are trained, and the path of an .npz is one that you trained. ``"auto"`` is
-        ``"denoiser"`` for a photo; with another method or quality, and with `tau`, `iterations` or
-        `tolerance`, total variation, of the colours together where the scene fills the view. Or one
-        of your own: a function from a first photograph, by total variation with a white of 1, to
-        the functional −ln p(v), or the name that a package adds.
+        ``"tv"``, ``"colour-tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``. ``"ridge"``,
+        ``"denoiser"`` and ``"unrolled"`` are trained, and the path of an .npz is one that you
+        trained. ``"auto"`` is ``"denoiser"`` for a photo; with another method or quality, and with
+        `tau`, `iterations` or `tolerance`, total variation, of the colours together where the scene
+        fills the view. Or one of your own: a function from a first photograph, by total variation
+        with a white of 1, to the functional −ln p(v), or the name that a package adds.
     iterations, tolerance
         Limits in place of the method's own.
     uncertainty

@@ -27,6 +27,7 @@ Row = dict[str, float]
 TRAINED = {
     "ridge": "nolens.files.weights:ridge",
     "denoiser": "nolens.files.weights:denoiser",
+    "unrolled": "nolens.files.weights:unrolled",
 }
 """Priors that come with trained weights, and what loads them."""
 PHOTO_PRIOR = "denoiser"

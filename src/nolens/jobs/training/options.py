@@ -72,11 +72,12 @@ class TrainOptions(JobOptions):
         ),
     ] = "unrolled"
     start: Annotated[
-        Literal["denoiser", "none"] | Annotated[FilePath, AfterValidator(_weights)] | None,
+        TrainedPrior | Literal["none"] | Annotated[FilePath, AfterValidator(_weights)] | None,
         Option(
-            "Weights to start from: the denoiser that comes with nolens, an .npz of yours for the "
-            "same prior, whose size the network then has, or none.",
-            default="denoiser",
+            "Weights to start from: those that come with nolens, of the same prior or of the "
+            "denoiser, an .npz of yours for the same prior, whose size the network then has, or "
+            "none.",
+            default="those of the same prior that come with nolens",
         ),
     ] = None
     pairs: Annotated[
@@ -211,4 +212,4 @@ class TrainOptions(JobOptions):
     @property
     def first(self) -> Path | str:
         """Weights to start from."""
-        return self.start or "denoiser"
+        return self.start or self.prior

@@ -32,7 +32,7 @@ export const MORE = {
   bin: { example: "by the PSF" },
   crop: { example: "the support; such as 400x400+20+0" },
   flip: { words: { none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
-  prior: { words: { auto: "Automatic (a photo: trained network)", "colour-tv": "Total variation of the colours together", tv: "Total variation", "isotropic-tv": "Isotropic total variation", l1: "Few bright points (l1)", none: "No negative light, nothing else", ridge: "Trained filters (ridge)", denoiser: "Trained network (denoiser)" } },
+  prior: { words: { auto: "Automatic (a photo: trained network)", "colour-tv": "Total variation of the colours together", tv: "Total variation", "isotropic-tv": "Isotropic total variation", l1: "Few bright points (l1)", none: "No negative light, nothing else", ridge: "Trained filters (ridge)", denoiser: "Trained network (denoiser)", unrolled: "Trained network, then another that mends its picture (unrolled)" } },
   iterations: { example: "by quality" },
   tau: { example: "automatic" },
   sweep: { words: { "": "One picture", tau: "With more and less detail", method: "Solvers", prior: "Priors", support: "Supports" } },
