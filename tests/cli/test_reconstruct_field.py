@@ -141,7 +141,7 @@ def test_few_psfs_are_spread_and_a_sweep_has_them_too(made: Open, out: Path) -> 
     used = sorted(name for name in record["inputs"] if name.startswith("PSF "))
     assert "PSF psf-80mm.tif" in used and record["result"]["field_points"] == 5
     assert all(name.count("deg") == 2 and "0deg" not in name.split("-") for name in used[:-1])
-    assert len(record["result"]["sweep"]) == 7
+    assert len(record["result"]["sweep"]) == 8
 
 
 class Ended(Reporter):
