@@ -208,7 +208,10 @@ def test_unrolled_for_a_simulated_camera(tiny_refinement: Path, tmp_path: Path) 
     asked = ("--start", tiny_refinement, *QUICK, "--steps", 1, "--angle", "10deg")
     done = run("train", little_twin(tmp_path), *asked, "-o", mine)
     assert done.code == 0, done.err
-    assert read_weights(mine).facts["prior"] == "unrolled"
+    prior = read_weights(mine)
+    assert prior.facts["prior"] == "unrolled"
+    # Without the limits of weights for other cameras.
+    assert prior.refinement == Refinement(prior.refinement.network)
 
 
 def test_pairs_of_the_camera(tiny_refinement: Path, tmp_path: Path) -> None:

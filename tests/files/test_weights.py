@@ -14,7 +14,7 @@ from nolens.errors import FileError
 from nolens.files.weights import denoiser, read_weights, ridge, unrolled, write_weights
 from nolens.solvers.denoising_network import DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
-from nolens.training.unrolled import refinement_network
+from nolens.training.unrolled import refinement_for_others, refinement_network
 
 
 @pytest.fixture
@@ -71,6 +71,8 @@ def test_hash_of_what_comes_with_nolens_is_its_cards(name: str) -> None:
     card = json.loads(files("nolens.files.trained").joinpath(f"{name}.json").read_text("utf-8"))
     refines = {"refines": denoiser().facts["weights_sha256"]} if name == "unrolled" else {}
     assert prior.facts == {"prior": name, "weights_sha256": card["sha256"], **refines}
+    if isinstance(prior, PlugAndPlay) and isinstance(prior.refinement, Refinement):
+        assert prior.refinement == refinement_for_others(prior.refinement.network)
 
 
 def changed(path: Path, **about: object) -> None:

@@ -188,9 +188,8 @@ def _prior(options: TrainOptions, network: DenoisingNetwork) -> PlugAndPlay:
 
 
 def _refinement(options: TrainOptions) -> Callable[[DenoisingNetwork], Refinement]:
-    """What makes a refinement of a network; with limits where no camera of its own is known."""
-    known = options.camera is not None or options.pairs is not None
-    return Refinement if known else refinement_for_others
+    """What makes a refinement of a network; with limits where it learns on random cameras."""
+    return refinement_for_others if options.camera is None else Refinement
 
 
 def _lessons(
