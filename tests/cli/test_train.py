@@ -23,7 +23,7 @@ from nolens.quantities import Length
 from nolens.solvers.denoising_network import DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
 from nolens.training.pictures import training_picture
-from nolens.training.unrolled import refinement_network
+from nolens.training.unrolled import refinement_for_others, refinement_network
 
 JOB = importlib.import_module("nolens.jobs.training.job")
 QUICK = ("--pictures", 1)
@@ -57,7 +57,7 @@ def few_and_small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nolens.training.validation._NOISY", 2)
     monkeypatch.setattr("nolens.training.validation._MEASURED", 1)
     monkeypatch.setattr("nolens.training.unrolled._LEAST", 1)
-    monkeypatch.setattr("nolens.jobs.training.camera._SIMULATED", 1)
+    monkeypatch.setattr("nolens.jobs.training.camera.SIMULATED", 1)
     monkeypatch.setattr(JOB, "BATCHES", {"denoiser": (4, 64), "unrolled": (2, 64)})
 
 
@@ -212,6 +212,22 @@ def test_unrolled_for_a_simulated_camera(tiny_refinement: Path, tmp_path: Path) 
     assert prior.facts["prior"] == "unrolled"
     # Without the limits of weights for other cameras.
     assert prior.refinement == Refinement(prior.refinement.network)
+
+
+def test_unrolled_for_random_cameras(
+    tiny_refinement: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of the scenes are measured by a simulated one; what comes first is said beforehand."""
+    monkeypatch.setattr("nolens.jobs.training.camera._LARGEST_PSF", 160)
+    monkeypatch.setattr("nolens.training.cameras._OF_KNOWN", 1.0)
+    mine = tmp_path / "mine.npz"
+    asked = ("--start", tiny_refinement, *QUICK, "--steps", 1)
+    done = run("train", *asked, "-o", mine)
+    assert done.code == 0, done.err
+    assert "12 cameras are simulated and 1 scenes are measured" in done.err.replace("\n", " ")
+    refinement = read_weights(mine).refinement
+    assert refinement == refinement_for_others(refinement.network)
+    assert json.loads((tmp_path / "mine.json").read_text())["camera"] == "random cameras"
 
 
 def test_pairs_of_the_camera(tiny_refinement: Path, tmp_path: Path) -> None:

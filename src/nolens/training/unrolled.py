@@ -69,11 +69,11 @@ def refinement_for_others(network: DenoisingNetwork) -> Refinement:
 
 def lessons_bytes(steps: int) -> float:
     """Memory that the reconstructions of a training of so many steps take."""
-    return _count(steps) * _EXAMPLE_BYTES
+    return lessons_count(steps) * _EXAMPLE_BYTES
 
 
-def _count(steps: int) -> int:
-    """Of the measurements to learn from."""
+def lessons_count(steps: int) -> int:
+    """Measurements that a training of so many steps learns from."""
     return max(_LEAST, min(_MOST, steps // _STEPS_OF_EACH))
 
 
@@ -118,7 +118,7 @@ class RefinementLessons:
 
     def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
         """Measure and reconstruct; the same from the same seed."""
-        count, device = _count(trainer.schedule.steps), trainer.device
+        count, device = lessons_count(trainer.schedule.steps), trainer.device
 
         def simulated(number: int) -> Example:
             random = _random(trainer.seed, 3, number)

@@ -22,7 +22,7 @@ from nolens.jobs.training.options import TrainOptions
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, part_of
 from nolens.quantities import Angle, Length
-from nolens.training.cameras import SMALLEST_PSF, KnownCamera, RandomCameras, TrainingCamera
+from nolens.training.cameras import SMALLEST_PSF, KnownCamera, RandomCameras
 from nolens.twin import LARGEST_ANGLE_DEG, Light, distance_um, preview_model
 
 _LARGEST_PSF = 768
@@ -33,7 +33,10 @@ _WAVELENGTHS = 3
 _DIAMETER_UM = 50.0
 _PLACES = tuple(product((-1, 0, 1), repeat=2))
 """Of the field points, over half of the scene's angle."""
-_SIMULATED = 12
+SIMULATED = 12
+"""Cameras by the twin, where none is named."""
+SIMULATED_BYTES = SIMULATED * len(_PLACES) * 3 * _LARGEST_PSF**2 * 2
+"""That their PSFs take, in float16."""
 _ANGLE = Angle("60", "deg")
 """That scenes before them fill at most."""
 _PIXELS = -0.2, 0.5
@@ -44,8 +47,8 @@ grid would carry it."""
 _REMEDY = "a camera with fewer or larger pixels, or a coarser grid of its relief, needs less"
 
 
-def training_camera(run: Run[TrainOptions]) -> TrainingCamera | None:
-    """The camera of the options, random ones where they name none; None of white noise.
+def named_camera(run: Run[TrainOptions]) -> KnownCamera | None:
+    """The camera of the options, if they name one.
 
     Raises
     ------
@@ -53,10 +56,8 @@ def training_camera(run: Run[TrainOptions]) -> TrainingCamera | None:
         If it has no PSF, or one that is too small, or has other channels than grey or three.
     """
     name = run.options.camera
-    if run.options.prior == "denoiser":
-        return None
     if name is None:
-        return _random_cameras(run)
+        return None
     folder = Path(name).expanduser()
     if (folder / PSFS_FILE).is_file():
         return _checked(_of_folder(run, folder), name)
@@ -89,7 +90,7 @@ def _of_folder(run: Run[TrainOptions], path: Path) -> KnownCamera:
     return KnownCamera.of(values, sensor)
 
 
-def _random_cameras(run: Run[TrainOptions]) -> RandomCameras:
+def random_cameras(run: Run[TrainOptions]) -> RandomCameras:
     """Random ones, and some of lenslets and Gaussian surfaces on the paper's layers, by the twin:
     their PSFs are as diffraction makes them, and change over the field.
     """
@@ -97,7 +98,7 @@ def _random_cameras(run: Run[TrainOptions]) -> RandomCameras:
     paper = run.camera("paper")
     sensor = paper.camera.sensor
     known = []
-    for number in range(_SIMULATED):
+    for number in range(SIMULATED):
         factor = math.exp(random.uniform(*_PIXELS))
         pixels = {
             "pitch": Length(f"{factor * sensor.pitch.um:.4g}", "um"),
@@ -109,7 +110,7 @@ def _random_cameras(run: Run[TrainOptions]) -> RandomCameras:
         kind, options = _random_mask(random, number, factor)
         loaded = with_mask(kind, coarse, run.reporter, **options)
         progress = partial(run.reporter.advance, "simulated cameras")
-        camera = _by_twin(run, loaded, _ANGLE, 1, part_of(progress, number, _SIMULATED))
+        camera = _by_twin(run, loaded, _ANGLE, 1, part_of(progress, number, SIMULATED))
         values = camera.psfs.values
         half = (values / values.max()).half()
         known.append(replace(camera, psfs=replace(camera.psfs, values=half)))

@@ -18,7 +18,12 @@ from nolens.files.pictures import picture_files
 from nolens.files.state import read_about, read_state
 from nolens.files.weights import denoiser, read_weights, unrolled, weights_writers
 from nolens.jobs.run import Product, Run, Writer, job
-from nolens.jobs.training.camera import training_camera
+from nolens.jobs.training.camera import (
+    SIMULATED,
+    SIMULATED_BYTES,
+    named_camera,
+    random_cameras,
+)
 from nolens.jobs.training.card import rounded, weights_card
 from nolens.jobs.training.options import TrainOptions
 from nolens.jobs.training.pairs import Pairs, training_pairs
@@ -31,6 +36,7 @@ from nolens.training.patches import PicturePool
 from nolens.training.unrolled import (
     RefinementLessons,
     lessons_bytes,
+    lessons_count,
     refinement_for_others,
     refinement_network,
 )
@@ -63,13 +69,15 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
     first, start = _first(run)
     trainer = Trainer(first, schedule, options.seed, run.device)
     resumed = None if options.resume is None else _read_checkpoint(run, trainer)
-    camera = training_camera(run)
+    camera = named_camera(run)
     pairs = training_pairs(run, schedule.side)
     unrolled = options.prior == "unrolled"
-    run.begin(lessons_bytes(options.steps) if unrolled else 0.0, "fewer --steps need less")
+    run.begin(_lessons_bytes(options) if unrolled else 0.0, "fewer --steps need less")
     about = _identity(run, start)
     if resumed is not None:
         _check_same(run.options, about, resumed[0])
+    if unrolled:
+        _say_parts(run)
     pool = PicturePool.generate(
         options.pictures, options.seed, photographs, partial(reporter.advance, "pictures")
     )
@@ -106,6 +114,21 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
         writers,
         history=course.history,
         spent=() if interrupted else (options.state,),
+    )
+
+
+def _lessons_bytes(options: TrainOptions) -> float:
+    """That a training on measurements holds at once."""
+    return lessons_bytes(options.steps) + (SIMULATED_BYTES if options.camera is None else 0)
+
+
+def _say_parts(run: Run[TrainOptions]) -> None:
+    """Say what comes before a network learns by measurements."""
+    options = run.options
+    cameras = f"{SIMULATED} cameras are simulated and " if options.camera is None else ""
+    run.reporter.note(
+        f"first {cameras}{lessons_count(options.steps)} scenes are measured and reconstructed, "
+        f"then the network learns for {options.steps} steps; each part says how long it takes"
     )
 
 
@@ -202,7 +225,7 @@ def _lessons(
     """What is learnt from, and what tells how much was learnt."""
     if run.options.prior == "denoiser":
         return NoiseLessons(pool), noisy_pictures(validation)
-    turns = denoiser()
+    turns, camera = denoiser(), camera or random_cameras(run)
     watch = partial(run.reporter.advance, "measurements held out")
     refinement = _refinement(run.options)
     held_out = measured_pictures(turns, camera, validation, pairs.held_out, watch, refinement)
