@@ -65,7 +65,7 @@ def test_help_tells_defaults_and_what_is_needed() -> None:
     for words in (
         "what the sensor measured of a point source. Kinds of file as for measurements; or a",
         "means the same at any binning, support and number of channels. [default: auto]",
-        "[default: 200; exact 5000; fista 300; in a sequence 8]",
+        "[default: 200; exact 5000; fista 300; in a sequence 8, or 4 turns of a trained prior]",
         "[default: photo] [choices: draft, photo, exact]",
         "[default: admm] [choices: admm, fista, wiener]",
         "[default: auto] [choices: auto, cpu, cuda]",

@@ -101,6 +101,22 @@ def test_stack(kind: str, psf: Path, tmp_path: Path) -> None:
     check_follows(list(found.values()))
 
 
+def test_by_a_trained_prior(psf: Path, tmp_path: Path) -> None:
+    """Turns of the network for each frame after the first; ridge has none, and is refused."""
+    np.save(tmp_path / "raw.npy", light(4).numpy())
+    asked = ("reconstruct", tmp_path / "raw.npy", "--psf", psf, "-o", tmp_path / "out", *QUICK)
+    done = run(*asked, "--prior", "denoiser", "--json")
+    assert done.code == 0, done.err
+    check_follows(list(pictures(tmp_path / "out").values()))
+    summary = json.loads(done.out)
+    assert summary["prior"] == "denoiser" and len(summary["weights_sha256"]) == 64
+    record = json.loads((tmp_path / "out.json").read_text())
+    assert [row["iterations"] for row in record["history"][1:]] == [4, 4, 4]
+    before = listing(tmp_path)
+    check_refused(run(*asked[:-1], 1e-3, "--prior", "ridge"), "no ridge", "denoiser")
+    assert listing(tmp_path) == before
+
+
 def test_grey_stack_of_many(tmp_path: Path) -> None:
     stack = light(5)[:, 1]
     np.save(tmp_path / "raw.npy", stack.numpy())

@@ -339,5 +339,3 @@ def test_what_has_another_prior() -> None:
     solver = Reconstructor(torch.from_numpy(posed.psf), prior=prior, method=Method.WIENER)
     with pytest.raises(OptionError, match=r"the Wiener filter .* has a prior of its own"):
         solver.problem(torch.from_numpy(posed.data))
-    with pytest.raises(OptionError, match=r"a stream has .* no trained one"):
-        replace(solver, method=Method.ADMM).stream(torch.from_numpy(posed.data))

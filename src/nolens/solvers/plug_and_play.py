@@ -116,7 +116,13 @@ class Fit:
         ]
 
     def measure(self, problem: Problem) -> None:
-        """Go on with other valid pixels."""
+        """Go on with other valid pixels, or another measurement."""
+        scale = problem.scale.flatten()
+        if not torch.equal(scale, self.scale):
+            factors = self.scale / scale
+            self.noise, self.scale = self.noise * factors, scale
+            scenes = [each * factor for each, factor in zip(self.scenes, factors, strict=True)]
+            self.resume(scenes)
         for number, step in enumerate(self.steps):
             step.measure(problem.single(number))
 

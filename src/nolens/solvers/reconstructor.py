@@ -47,6 +47,7 @@ from nolens.solvers.ridge import RidgePrior
 from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
+from nolens.solvers.trained_stream import TURNS, TrainedStream
 from nolens.solvers.wiener import wiener, wiener_bytes
 
 
@@ -645,30 +646,37 @@ class Reconstructor:
         self,
         first: Measurement | Plane | Problem,
         *,
-        iterations: int = FOLLOWING,
+        iterations: int | None = None,
         latency_s: float | None = None,
-    ) -> Stream:
-        """Frame after frame by ADMM, each from where the one before it ended (`Stream`).
+    ) -> Stream | TrainedStream:
+        """Frame after frame, each from where the one before it ended: by ADMM, or by a network.
 
         Parameters
         ----------
         first
             A measurement like all that follow; it is not solved for yet.
         iterations, latency_s
-            As `Stream` takes them.
+            As `Stream` and `TrainedStream` take them; None for 8 iterations, or 4 turns.
 
         Raises
         ------
         OptionError
-            If the prior is one's own, or trained.
+            If the prior is one's own, or the ridge.
         """
+        problem = first if isinstance(first, Problem) else self.problem(first)
+        network = self.network
+        if network is not None:
+            turns = TURNS if iterations is None else iterations
+            return TrainedStream(
+                problem, network, self.solve, iterations=turns, latency_s=latency_s
+            )
         if not isinstance(scene_prior(self.prior), Prior):
             raise OptionError(
-                f"a stream has no prior of one's own, and no trained one; give one of "
-                f"{', '.join(Prior)}"
+                "a stream has no prior of one's own, and no ridge; give denoiser, unrolled, or one "
+                f"of {', '.join(Prior)}"
             )
-        problem = first if isinstance(first, Problem) else self.problem(first)
-        return Stream(problem, iterations=iterations, latency_s=latency_s)
+        count = FOLLOWING if iterations is None else iterations
+        return Stream(problem, iterations=count, latency_s=latency_s)
 
     def for_iterations(self, count: int) -> "Reconstructor":
         """The same by ADMM with so many iterations, whatever comes of them."""

@@ -113,10 +113,7 @@ class Stream:
     def __init__(
         self, problem: Problem, *, iterations: int = FOLLOWING, latency_s: float | None = None
     ) -> None:
-        if iterations < 1:
-            raise OptionError(f"iterations is {iterations}; a frame needs 1 or more")
-        if latency_s is not None and not latency_s > 0:
-            raise OptionError(f"latency_s is {latency_s:g}; it must be above 0")
+        check_frame_limits(iterations, latency_s)
         # Colours are taken together only where the measurement is in the linear step anyway.
         varied = problem.forward.field_points > 1
         self._problem = problem if varied else problem.by_channel
@@ -198,7 +195,7 @@ class Stream:
         """The same for a frame that goes on from the one before, or from a cut."""
         before, self._residual = self._residual, run.state.residual(problem)
         penalties = self._warm(run)
-        if self._residual > 1 or self._residual > max(_CUT, _CUT_TIMES * before):
+        if is_cut(self._residual, before):
             self.cuts += 1
             run = self._run = _from_wiener(problem, penalties)
         else:
@@ -299,6 +296,33 @@ class Live:
                 self._show(solved)
         except BaseException as failure:
             self._failure = failure
+
+
+def check_frame_limits(iterations: int, latency_s: float | None) -> None:
+    """Refuse limits of a frame within which nothing can be done.
+
+    Raises
+    ------
+    OptionError
+        If one of them is not above 0.
+    """
+    if iterations < 1:
+        raise OptionError(f"iterations is {iterations}; a frame needs 1 or more")
+    if latency_s is not None and not latency_s > 0:
+        raise OptionError(f"latency_s is {latency_s:g}; it must be above 0")
+
+
+def is_cut(residual: float, before: float) -> bool:
+    """Whether a frame shows another scene than the one before it.
+
+    Parameters
+    ----------
+    residual
+        ‖b − x‖ / ‖b‖ of the frame, with the light x of the picture before it.
+    before
+        The same of the frame before.
+    """
+    return residual > 1 or residual > max(_CUT, _CUT_TIMES * before)
 
 
 def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun | DataStepRun:

@@ -334,7 +334,7 @@ class ReconstructOptions(JobOptions):
         Option(
             "Limit of the iterations; in a sequence, those of a frame after the first.",
             SOLVER,
-            default="200; exact 5000; fista 300; in a sequence 8",
+            default="200; exact 5000; fista 300; in a sequence 8, or 4 turns of a trained prior",
             label="Iterations, at most",
         ),
     ] = None

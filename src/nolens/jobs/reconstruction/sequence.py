@@ -13,7 +13,8 @@ from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reconstruction.setup import Setup, method_of, psf_row, read_development
 from nolens.jobs.run import Product, Run
 from nolens.solvers import Method, Stream
-from nolens.solvers.stream import CHECK_WEIGHT_EVERY, FOLLOWING, weight_to_follow
+from nolens.solvers.stream import CHECK_WEIGHT_EVERY, weight_to_follow
+from nolens.solvers.trained_stream import TrainedStream
 
 _DROPS_REPORTED = 5
 """Frames that are dropped with a warning each; of more, the record has all."""
@@ -23,8 +24,9 @@ def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     """Reconstruct every frame of a folder or stack into a folder of pictures.
 
     The PSF, and all that follows from it, are prepared once, with the first frame that can be used;
-    every later frame starts from the one before (`Stream`). A frame that cannot be used is
-    dropped, with a warning. Pictures are written as they come, and share the white of the first.
+    every later frame starts from the one before (`Reconstructor.stream`). A frame that cannot be
+    used is dropped, with a warning. Pictures are written as they come, and share the white of the
+    first.
     """
     options, reporter = run.options, run.reporter
     folder = _sequence_folder(options)
@@ -33,7 +35,7 @@ def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     development = read_development(run)
     run.begin()
     setup: Setup | None = None
-    stream: Stream | None = None
+    stream: Stream | TrainedStream | None = None
     picture: Tensor | None = None
     white: float | None = None
     rows: list[dict[str, float]] = []
@@ -47,13 +49,14 @@ def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
                 setup = Setup.of(run, development, frame)
                 stream = setup.reconstructor.stream(
                     setup.problem,
-                    iterations=options.iterations or FOLLOWING,
+                    iterations=options.iterations,
                     latency_s=None if options.latency is None else options.latency.s,
                 )
                 measurement = setup.measurement
             else:
                 measurement = setup.development.measurement(frame)
-                if setup.weight is not None and len(rows) % CHECK_WEIGHT_EVERY == 0:
+                weighed = setup.weight is not None and len(rows) % CHECK_WEIGHT_EVERY == 0
+                if weighed and isinstance(stream, Stream):
                     chosen = setup.reconstructor.choose_weight(measurement).tau / options.detail
                     stream.weigh(weight_to_follow(stream.weight, chosen))
                     choices.append({"frame": number + 1, "chosen": chosen, "tau": stream.weight})
@@ -92,7 +95,8 @@ def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
             f"none of the {count} frames of {options.measurement} can be used: {dropped[0][1]}"
         )
     figures = {
-        "method": Method.ADMM.value,
+        "method": setup.reconstructor.method_name,
+        **setup.prior_facts,
         "frames": len(rows),
         "field_points": setup.problem.forward.field_points,
         "dropped": [name for name, _ in dropped],
