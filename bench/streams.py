@@ -4,7 +4,9 @@
 mean of the last frames) of a photograph that stands still, or moves by some cells from frame to
 frame, each frame reconstructed with a few iterations from where the one before it ended. The
 cameras are the studio's simulated one, a mask wider than its sensor, and DiffuserCam's PSF.
-Counts iterations, not seconds; some minutes.
+Counts iterations, not seconds; some minutes. The last row of each table is by the trained prior,
+with so many turns of its network in place of iterations. `--trained` prints that and the program's
+own alone.
 """
 
 import argparse
@@ -22,7 +24,9 @@ from cases import hand
 from nolens.capture import TwinSource
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera
-from nolens.solvers import Problem, Stream, stream
+from nolens.files.weights import denoiser
+from nolens.solvers import Problem, Reconstructor, Stream, stream
+from nolens.solvers.trained_stream import TrainedStream
 from photographed import GREEN_ALONE, linear_light, mask_psf, shot
 
 FRAMES, JUDGED = 12, 4
@@ -81,13 +85,15 @@ def frames(case: Case, speed: int) -> tuple[list[Problem], list[Tensor]]:
 
 
 def quality(
-    problems: list[Problem], truths: list[Tensor], warm: tuple[float, ...] | None, iterations: int
+    problems: list[Problem],
+    truths: list[Tensor],
+    warm: tuple[float, ...] | None,
+    follower: Stream | TrainedStream,
 ) -> float:
     """Mean PSNR of the last frames."""
     with ExitStack() as changed:
-        for name in () if warm is None else ("WARM", "WARM_FEW", "WARM_SPILLING"):
+        for name in () if warm is None else ("_WARM", "_WARM_FEW", "_WARM_SPILLING"):
             changed.enter_context(mock.patch.object(stream, name, warm))
-        follower = Stream(problems[0], iterations=iterations)
         found = [
             psnr(scale_fit(scene, truth), truth, float(truth.max()))
             for problem, truth in zip(problems, truths, strict=True)
@@ -100,16 +106,28 @@ def main() -> None:
     """Print a table for each camera."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    folder = parser.parse_args().data / "diffusercam-hand"
+    parser.add_argument("--trained", action="store_true", help="no other penalties")
+    asked = parser.parse_args()
+    folder, network = asked.data / "diffusercam-hand", denoiser()
     columns = [(speed, iterations) for speed in SPEEDS for iterations in ITERATIONS]
     for case in cases(folder):
         print(f"\n**{case.name}**\n")
         print("| cells a frame / iterations | " + " | ".join(f"{s} / {i}" for s, i in columns), "|")
         print("|---|" + "---|" * len(columns))
         shown = {speed: frames(case, speed) for speed in SPEEDS}
-        for label, warm in WARM.items():
-            row = [f"{quality(*shown[speed], warm, count):.1f}" for speed, count in columns]
+        for label, warm in list(WARM.items())[: 1 if asked.trained else None]:
+            row = [
+                f"{quality(*shown[speed], warm, Stream(shown[speed][0][0], iterations=count)):.1f}"
+                for speed, count in columns
+            ]
             print(f"| {label} | {' | '.join(row)} |", flush=True)
+        row = []
+        for speed, count in columns:
+            problem = shown[speed][0][0]
+            solver = Reconstructor(case.psf, problem.forward.support, case.tau, network)
+            followed = quality(*shown[speed], None, solver.stream(problem, iterations=count))
+            row.append(f"{followed:.1f}")
+        print(f"| denoiser | {' | '.join(row)} |", flush=True)
 
 
 if __name__ == "__main__":

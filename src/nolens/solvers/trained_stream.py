@@ -17,8 +17,8 @@ from nolens.solvers.stream import Frame, check_frame_limits, is_cut
 
 TURNS = 4
 """Of a frame after the first."""
-_WIDEST, _NARROWEST = 0.4, 0.1
-"""Spreads of the first and the last of them: the first lets go of what has moved."""
+_WIDEST, _NARROWEST = 0.3, 0.15
+"""Spreads of the first and the last of them (decision 24)."""
 _ALONE = 0.25
 """That of a frame with one turn."""
 
