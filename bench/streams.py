@@ -1,7 +1,7 @@
 """Penalties that a frame of a stream starts from: the table of `docs/decisions/0007`.
 
 `.venv/bin/python bench/streams.py --data ../shared/data` prints the PSNR in dB (after one factor,
-mean of the last frames) of a photograph that stands still, or moves by some cells from frame to
+mean of the last frames) of a photograph that stands still, or moves by some pixels from frame to
 frame, each frame reconstructed with a few iterations from where the one before it ended. The
 cameras are the studio's simulated one, a mask wider than its sensor, and DiffuserCam's PSF.
 Counts iterations, not seconds; some minutes. The last row of each table is by the trained prior,
@@ -112,7 +112,7 @@ def main() -> None:
     columns = [(speed, iterations) for speed in SPEEDS for iterations in ITERATIONS]
     for case in cases(folder):
         print(f"\n**{case.name}**\n")
-        print("| cells a frame / iterations | " + " | ".join(f"{s} / {i}" for s, i in columns), "|")
+        print("| pixels a frame / iterations | " + " | ".join(f"{s} / {i}" for s, i in columns), "|")
         print("|---|" + "---|" * len(columns))
         shown = {speed: frames(case, speed) for speed in SPEEDS}
         for label, warm in list(WARM.items())[: 1 if asked.trained else None]:
