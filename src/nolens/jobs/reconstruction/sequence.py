@@ -96,7 +96,7 @@ def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
         )
     figures = {
         "method": setup.reconstructor.method_name,
-        **setup.prior_facts,
+        **setup.reconstructor.prior_facts,
         "frames": len(rows),
         "field_points": setup.problem.forward.field_points,
         "dropped": [name for name, _ in dropped],
