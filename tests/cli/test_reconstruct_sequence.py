@@ -102,16 +102,19 @@ def test_stack(kind: str, psf: Path, tmp_path: Path) -> None:
 
 
 def test_by_a_trained_prior(psf: Path, tmp_path: Path) -> None:
-    """Turns of the network for each frame after the first; ridge has none, and is refused."""
+    """Turns of the network for each frame after the first, which is a photo, whatever limits these
+    have; ridge has none, and is refused.
+    """
     np.save(tmp_path / "raw.npy", light(4).numpy())
     asked = ("reconstruct", tmp_path / "raw.npy", "--psf", psf, "-o", tmp_path / "out", *QUICK)
-    done = run(*asked, "--prior", "denoiser", "--json")
+    done = run(*asked, "--prior", "denoiser", "--iterations", 3, "--json")
     assert done.code == 0, done.err
     check_follows(list(pictures(tmp_path / "out").values()))
     summary = json.loads(done.out)
     assert summary["prior"] == "denoiser" and len(summary["weights_sha256"]) == 64
     record = json.loads((tmp_path / "out.json").read_text())
-    assert [row["iterations"] for row in record["history"][1:]] == [4, 4, 4]
+    first, *others = (row["iterations"] for row in record["history"])
+    assert first > 20 and others == [3, 3, 3]
     before = listing(tmp_path)
     check_refused(run(*asked[:-1], 1e-3, "--prior", "ridge"), "no ridge", "denoiser")
     assert listing(tmp_path) == before

@@ -7,9 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from nolens.camera import FieldPsf
 from nolens.errors import DataError, DivergenceError, OptionError
 from nolens.files.weights import denoiser
-from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
 from nolens.solvers import Prior, Reconstructor
 from nolens.solvers.plug_and_play import Turn
 from nolens.solvers.trained_stream import TURNS, TrainedStream
@@ -17,7 +18,8 @@ from nolens.training.pictures import training_picture
 
 SENSOR, SIDE = (96, 112), 48
 SUPPORT = PixelRectangle.centred(SIDE, SIDE, SENSOR)
-TAU = 0.05
+TAU = 5e-3
+"""About what is chosen for the noise below."""
 
 
 def camera() -> tuple[Tensor, CroppedConvolution]:
@@ -34,7 +36,7 @@ def noisy() -> Callable[[Tensor, int], Tensor]:
     def measure(scene: Tensor, number: int) -> Tensor:
         light = blur(scene)
         generator = torch.Generator().manual_seed(number)
-        return light + 0.02 * light.max() * torch.randn(light.shape, generator=generator)
+        return light + 0.1 * light.max() * torch.randn(light.shape, generator=generator)
 
     return measure
 
@@ -53,13 +55,28 @@ def error(found: Tensor, truth: Tensor) -> float:
 
 
 def test_a_scene_that_stands_gathers_light(noisy) -> None:
-    """The first frame is the photo; ten later frames leave less than half of its squared error."""
+    """The first frame is the photo; by the light of ten more a fifth of its squared error goes."""
     stream = solver().stream(noisy(scene(0), 0))
     frames = [stream.solve(noisy(scene(0), number)) for number in range(11)]
     assert torch.equal(frames[0].scene, solver().solve(noisy(scene(0), 0)).scene)
     assert all(each.iterations == TURNS for each in frames[1:])
     first, last = (error(each.scene, scene(0)) for each in (frames[0], frames[-1]))
-    assert last**2 < 0.5 * first**2 and stream.cuts == 0
+    assert last**2 < 0.8 * first**2 and stream.cuts == 0
+
+
+def test_psfs_over_the_field() -> None:
+    """All of them are used: with that of the axis alone a picture has five times the error."""
+    generator = torch.Generator().manual_seed(6)
+    values = (torch.rand(5, 1, 144, 160, generator=generator) > 0.98).float()
+    psfs = FieldPsf(values, torch.tensor([(0.0, 0), (-24, -24), (-24, 24), (24, -24), (24, 24)]))
+    places = psfs.places + torch.tensor([side // 2 for side in SENSOR])
+    blur = FieldConvolution(values, places, SENSOR, SUPPORT)
+    one = Reconstructor(values[0], SUPPORT, TAU, prior=denoiser())
+    streams = [replace(one, field_psf=each).stream(blur(scene(0)[:1])) for each in (psfs, None)]
+    for step in range(4):
+        truth = scene(step)[:1]
+        errors = [error(each.solve(blur(truth)).scene, truth) for each in streams]
+    assert errors[0] < 0.2 * errors[1]
 
 
 def test_what_moves_is_followed(noisy) -> None:
@@ -69,8 +86,8 @@ def test_what_moves_is_followed(noisy) -> None:
     for step in range(8):
         data = noisy(scene(step), step)
         found, other = by_network.solve(data).scene, by_variation.solve(data).scene
-    assert error(found, scene(7)) < 0.7 * error(other, scene(7))
-    assert error(found, scene(7)) < 0.75 * error(found, scene(6))
+    assert error(found, scene(7)) < 0.75 * error(other, scene(7))
+    assert error(found, scene(7)) < 0.5 * error(found, scene(6))
 
 
 def test_brightness_and_scene_may_change(noisy) -> None:
@@ -83,7 +100,7 @@ def test_brightness_and_scene_may_change(noisy) -> None:
         data = noisy(truth, number)
         frame = stream.solve(data)
         assert stream.cuts == cuts
-        assert error(frame.scene, truth) <= error(solver().solve(data).scene, truth)
+        assert error(frame.scene, truth) < 1.01 * error(solver().solve(data).scene, truth)
 
 
 def test_limits_of_a_frame(noisy) -> None:

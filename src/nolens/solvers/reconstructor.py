@@ -666,10 +666,9 @@ class Reconstructor:
         problem = first if isinstance(first, Problem) else self.problem(first)
         network = self.network
         if network is not None:
+            photo = replace(self, stop=None).solve
             turns = TURNS if iterations is None else iterations
-            return TrainedStream(
-                problem, network, self.solve, iterations=turns, latency_s=latency_s
-            )
+            return TrainedStream(problem, network, photo, iterations=turns, latency_s=latency_s)
         if not isinstance(scene_prior(self.prior), Prior):
             raise OptionError(
                 "a stream has no prior of one's own, and no ridge; give denoiser, unrolled, or one "
