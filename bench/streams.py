@@ -112,7 +112,8 @@ def main() -> None:
     columns = [(speed, iterations) for speed in SPEEDS for iterations in ITERATIONS]
     for case in cases(folder):
         print(f"\n**{case.name}**\n")
-        print("| pixels a frame / iterations | " + " | ".join(f"{s} / {i}" for s, i in columns), "|")
+        heads = " | ".join(f"{speed} / {count}" for speed, count in columns)
+        print(f"| pixels a frame / iterations | {heads} |")
         print("|---|" + "---|" * len(columns))
         shown = {speed: frames(case, speed) for speed in SPEEDS}
         for label, warm in list(WARM.items())[: 1 if asked.trained else None]:
