@@ -328,8 +328,8 @@ else:
         Literal[PRIORS] | Annotated[FilePath, AfterValidator(_weights)],
         Option(
             "What the scene is assumed to be like. auto: denoiser for a photo, and total variation "
-            "where another option is about how to minimise. ridge, denoiser and unrolled are "
-            "trained; an .npz is one that you trained (nolens train).",
+            "for a sequence and where another option is about how to minimise. ridge, denoiser and "
+            "unrolled are trained; an .npz is one that you trained (nolens train).",
             SOLVER,
             label="Prior",
         ),
