@@ -217,7 +217,7 @@ def test_unrolled_for_a_simulated_camera(tiny_refinement: Path, tmp_path: Path) 
 def test_unrolled_for_random_cameras(
     tiny_refinement: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Half of the scenes are measured by a simulated one; what comes first is said beforehand."""
+    """Scenes are measured by a simulated one, here all; what comes first is said beforehand."""
     monkeypatch.setattr("nolens.jobs.training.camera._LARGEST_PSF", 160)
     monkeypatch.setattr("nolens.training.cameras._OF_KNOWN", 1.0)
     mine = tmp_path / "mine.npz"

@@ -163,7 +163,7 @@ class Stream:
         """
         begun = time.perf_counter()
         problem = self._problem.measuring(data, valid)
-        deadline = _Deadline(begun, self._latency_s)
+        deadline = Deadline(begun, self._latency_s)
         try:
             if self._run is None:
                 scene, iterations = self._first(problem, deadline)
@@ -175,7 +175,7 @@ class Stream:
         scene = problem.unscale(scene)
         return Frame(scene, iterations, time.perf_counter() - begun, problem.frame)
 
-    def _first(self, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
+    def _first(self, problem: Problem, deadline: "Deadline") -> tuple[Tensor, int]:
         """Scene in normalised units and iterations of a frame that is solved as a photo is."""
         state = AdmmState.cold(problem)
         result = admm(
@@ -190,7 +190,7 @@ class Stream:
         return result.scene / problem.scale, result.iterations
 
     def _next(
-        self, run: AdmmRun | DataStepRun, problem: Problem, deadline: "_Deadline"
+        self, run: AdmmRun | DataStepRun, problem: Problem, deadline: "Deadline"
     ) -> tuple[Tensor, int]:
         """The same for a frame that goes on from the one before, or from a cut."""
         before, self._residual = self._residual, run.state.residual(problem)
@@ -339,16 +339,30 @@ def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun | DataStepRu
     return start_run(problem, state)
 
 
-class _Deadline:
-    """Stops a run with the last convergence check that fits into its time."""
+class Deadline:
+    """Stops a run with the last convergence check that fits into its time.
+
+    Parameters
+    ----------
+    begun
+        When the time began, as `time.perf_counter` says it.
+    seconds
+        How long it is; None for no end.
+    """
 
     def __init__(self, begun: float, seconds: float | None) -> None:
         self._end = None if seconds is None else begun + seconds
         self._last = begun
 
     def __call__(self, progress: Progress) -> bool:
-        now = time.perf_counter()
+        """Whether a run ends at a check."""
         # The last stretch also has to undo the scaling, so twice the time of one is kept.
-        ahead = now + 2 * (now - self._last) if progress.iteration > CHECK_EVERY else now
-        self._last = now
+        return self.is_over(2 if progress.iteration > CHECK_EVERY else 0)
+
+    def is_over(self, steps: int = 1) -> bool:
+        """Whether there is no time for so many steps more that take as long as the last; asked
+        after each.
+        """
+        now = time.perf_counter()
+        ahead, self._last = now + steps * (now - self._last), now
         return self._end is not None and ahead > self._end

@@ -1,6 +1,5 @@
 """A sequence of measurements by a trained prior, each from where the one before it ended."""
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +12,7 @@ from nolens.solvers.inputs import Plane
 from nolens.solvers.plug_and_play import Fit, PlugAndPlay, Turn
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import Result
-from nolens.solvers.stream import Frame, check_frame_limits, is_cut
+from nolens.solvers.stream import Deadline, Frame, check_frame_limits, is_cut
 
 TURNS = 4
 """Of a frame after the first."""
@@ -101,30 +100,30 @@ class TrainedStream:
             self._residual = _residual(problem, self._picture)
             if is_cut(self._residual, before):
                 self.cuts, fit = self.cuts + 1, None
-        clock = _Clock(begun, self._latency_s)
+        deadline = Deadline(begun, self._latency_s)
         if fit is None:
-            scene, iterations = self._anew(problem, clock)
+            scene, iterations = self._anew(problem, deadline)
         else:
-            scene, iterations = self._next(fit, problem, clock)
+            scene, iterations = self._next(fit, problem, deadline)
         return Frame(scene, iterations, time.perf_counter() - begun, problem.frame)
 
-    def _anew(self, problem: Problem, clock: "_Clock") -> tuple[Tensor, int]:
+    def _anew(self, problem: Problem, deadline: Deadline) -> tuple[Tensor, int]:
         """The scene of a frame that is solved as a photo is, and its iterations and turns."""
         self._fit = None
-        result = self._photo(problem, callback=lambda _: clock.is_over())
+        result = self._photo(problem, callback=deadline)
         fit = self._fit = Fit(problem, result.scene)
         strength = fit.first_strength(self._prior.spreads[-1])
         self._strength = strength / self._prior.detail
         self._picture, self._last = result.scene, None
         return result.scene, result.iterations
 
-    def _next(self, fit: Fit, problem: Problem, clock: "_Clock") -> tuple[Tensor, int]:
+    def _next(self, fit: Fit, problem: Problem, deadline: Deadline) -> tuple[Tensor, int]:
         """The scene of a frame that goes on from the one before, and its turns."""
         fit.measure(problem)
         after = None if self._last is None else replace(self._last, number=-1)
         turns = self._following.turns(problem, self._picture, self._strength, fit, after)
         last = next(turns)
-        while not clock.is_over() and (turn := next(turns, None)) is not None:
+        while not deadline.is_over() and (turn := next(turns, None)) is not None:
             last = turn
         if not bool(torch.isfinite(last.picture).all()):
             self._fit = None
@@ -133,19 +132,6 @@ class TrainedStream:
         shown = self._prior.refinement
         picture = last if shown is None else replace(last, picture=shown(last))
         return picture.scene, last.number + 1
-
-
-class _Clock:
-    """Says when there is no time for one step more that takes as long as the last."""
-
-    def __init__(self, begun: float, seconds: float | None) -> None:
-        self._end = math.inf if seconds is None else begun + seconds
-        self._last = begun
-
-    def is_over(self) -> bool:
-        """Asked after each step."""
-        before, self._last = self._last, time.perf_counter()
-        return 2 * self._last - before > self._end
 
 
 def _spreads(turns: int) -> tuple[float, ...]:
