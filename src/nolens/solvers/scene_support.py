@@ -5,7 +5,9 @@ The rectangle that holds the detail is the limit of a second fit, whose scene ha
 on until the rectangle stays. It grows to where the measurement asks for light outside, beyond noise
 (`nolens.solvers.scene_light`), until it does so nowhere. Last, photographs of the rectangle, and of
 more around it, show where the scene ends (`nolens.solvers.scene_edges`); where they do not, its
-sides move inwards for as long as pixels that are left out of the fit are predicted better.
+sides move inwards for as long as pixels that are left out of the fit are predicted better. Where no
+rectangle comes out, and the PSF is of a scene, its likeliest part is taken
+(`nolens.solvers.scene_evidence`).
 """
 
 from collections.abc import Callable
@@ -18,6 +20,7 @@ from nolens.operators import PixelRectangle
 from nolens.solvers.held_out import PartialFit, fit_partially
 from nolens.solvers.problem import Problem
 from nolens.solvers.scene_edges import NO_EDGES, Edges, at_edges, centred_edges, scene_edges
+from nolens.solvers.scene_evidence import Evidence
 from nolens.solvers.scene_light import CLEAR, CLEAR_AFAR, DETAIL_SIDE, Light, with_margin
 
 _DETAIL = (0.04, 0.1, 0.25, 0.5)
@@ -39,8 +42,8 @@ _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
 _DROWNED = 0.8
 """The same, above which a photograph of all of the PSF's support is the only one."""
-_NOISE = 0.98
-"""The same, above which nothing tells that there is a scene."""
+_SCENE = 8.0
+"""Evidence from which on it tells where light comes from; in noise alone a rectangle has up to 4."""
 _MARGIN, _MARGIN_AT_LEAST = 0.02, 2
 """Of the rectangle's sides, added on either side, and in pixels."""
 _AROUND = (0.0, 0.15, 0.3)
@@ -196,22 +199,40 @@ class _Search:
         return self._of_psf(self._free), NO_EDGES
 
     def _of_psf(self, free: PartialFit) -> PixelRectangle | None:
-        """The scene that the PSF is of, where that is not likely worse than no limit.
+        """The likeliest part of the scene that the PSF is of, a block around, and clear light
+        beside; all of it where no part is likely.
 
-        Where the PSF explains little, as it changes over the field, nothing else tells.
+        Where the PSF explains little, as it changes over the field, nothing else tells. None where
+        that scene predicts surely worse than no limit (likely worse, without a likely part), or
+        clear light lies beside it.
         """
         psf_support = self._psf_support(self._light.scene)
-        if free.prediction.unexplained_by_noise > _NOISE or not self._goes_on():
+        if not self._goes_on():
             return None
         if (
             self._light.fraction(psf_support) > _MOST
             or self._light.visible(psf_support) != psf_support
         ):
             return None
-        outside, fitted = self._try(psf_support)
-        excess, error = fitted.prediction.excess(free.prediction)
-        clear = float(outside.max()) >= CLEAR_AFAR
-        return None if clear or excess > _LIKELY * error else psf_support
+        excess, error = self._try(psf_support)[1].prediction.excess(free.prediction)
+        evidence = Evidence(self._psf, self._full, psf_support)
+        sides = evidence.likeliest()
+        likely = evidence.of(sides) >= _SCENE
+        if excess > (_SURELY_TIGHTER if likely else _LIKELY) * error:
+            return None
+        support = psf_support
+        if likely:
+            support = with_margin(evidence.support(sides), 0, evidence.side).intersection(support)
+        while self._goes_on():
+            outside, _ = self._try(support)
+            if float(outside.max()) < CLEAR_AFAR:
+                return support
+            place = self._light.place(support, outside, CLEAR_AFAR)
+            assert place is not None  # There is clear light.
+            support = support.union(place)
+            if support.union(psf_support) != psf_support:
+                break
+        return None
 
     def _finished(
         self, support: PixelRectangle, fitted: PartialFit

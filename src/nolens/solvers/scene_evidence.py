@@ -1,0 +1,190 @@
+r"""The rectangle that a scene's light most likely comes from: all of it, and nothing beside.
+
+Of a scene in blocks, whose light is random with the covariance K inside a rectangle and zero
+outside, a measurement b with white noise of standard deviation σ has the probability
+
+.. math:: \ln p(b) = \tfrac12 a\, y^T K^{1/2} (1 + a M)^{-1} K^{1/2} y
+          - \tfrac12 \ln\det(1 + a M) + \text{const}, \quad M = K^{1/2} G K^{1/2}
+
+with :math:`G = A^T A / σ^2`, :math:`y = A^T b / σ^2` and the most likely strength a, of each
+channel by itself (the evidence, `mackay1992`). What the blocks leave beyond the noise, as the model
+errs, counts as noise. A rectangle that is too large has light to expect
+where none is, one that is too small cannot explain what there is. The error of held-out pixels
+tells the latter alone where noise is much.
+"""
+
+import math
+from collections.abc import Iterator
+from functools import cache
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.operators import PixelRectangle
+from nolens.solvers.held_out import channel_noise
+from nolens.solvers.problem import Problem
+
+_PIXELS, _BLOCKS = 8_000, 300
+"""Means of the sensor's pixels, and blocks of the scene, about."""
+_CONTRAST, _LENGTH = 0.6, 0.35
+"""Of a scene's light: deviation over its mean, and distance over which it is alike, over its
+longer side."""
+_STRENGTHS = torch.logspace(-12, 8, 81, dtype=torch.float64)
+"""That are tried, over the reciprocal of the largest eigenvalue of M."""
+_SLOW = 2
+"""Cosines each way that do not count: the slowest light is where a model errs most."""
+_RESOLVED = 1.0
+"""Eigenvalue of G from which on the measurement tells the light of blocks."""
+_STEPS = (-2, -1, 1, 2)
+"""Blocks by which two sides move outwards together."""
+
+Sides = tuple[int, int, int, int]
+"""First row of blocks and the one after the last, and columns."""
+
+
+class Evidence:
+    """The evidence of rectangles of blocks.
+
+    Parameters
+    ----------
+    psf
+        As `Problem.build` takes it.
+    problem
+        Of this PSF, without a support.
+    domain
+        The largest rectangle, of pixels that the sensor can see.
+    """
+
+    def __init__(self, psf: Tensor, problem: Problem, domain: PixelRectangle) -> None:
+        by = max(1, round(math.sqrt(math.prod(problem.forward.sensor) / _PIXELS)))
+        self.side = by * max(1, round(math.sqrt(domain.height * domain.width / _BLOCKS) / by))
+        self._rows = max(1, domain.height // self.side)
+        self._columns = max(1, domain.width // self.side)
+        self._top = domain.top + (domain.height - self._rows * self.side) // 2
+        self._left = domain.left + (domain.width - self._columns * self.side) // 2
+        usable = _means(problem.valid.to(psf.dtype), by) == 1
+        data = _means(torch.where(problem.valid, problem.data, 0), by)
+        noise = channel_noise(problem) / by
+        slow = _cosines(*data.shape[-2:]).to(psf)
+        lights = self._lights(psf / problem.psf_norm, problem, by)
+        self.excess = list[float]()
+        """Mean square of what the blocks leave of each channel, over its noise's; 1 at least."""
+        self._grams, self._sums = list[Tensor](), list[Tensor]()
+        for channel, deviation in enumerate(noise):
+            seen = usable[channel].flatten() / deviation
+            fast = _Fast(slow * (seen > 0))
+            light = fast(lights[channel % len(lights)] * seen)
+            values = fast(data[channel].flatten() * seen)
+            gram, sums = (light @ light.T).double(), (light @ values).double()
+            pixels = int((seen > 0).sum()) - len(slow)
+            excess = _excess(gram, sums, float(values.double().square().sum()), pixels)
+            self.excess.append(excess)
+            self._grams.append(gram / excess)
+            self._sums.append(sums / excess)
+        numbers = torch.arange(self._rows * self._columns, device=psf.device)
+        self._places = torch.stack([numbers // self._columns, numbers % self._columns], 1).double()
+        self.of = cache(self._of)
+
+    def _lights(self, psf: Tensor, problem: Problem, by: int) -> Tensor:
+        """What each block puts on means of by×by of the sensor's pixels, (channels, blocks, means).
+
+        A pixel of the scene puts that part of the PSF on the sensor which lies as far from the
+        PSF's end as the pixel from where the scene begins.
+        """
+        height, width = problem.scene_shape[1:]
+        sensor, (top, left) = problem.forward.sensor, problem.forward.geometry.origin
+        more = [
+            scene + own - 1 - of_psf
+            for scene, own, of_psf in zip((height, width), sensor, psf.shape[-2:], strict=True)
+        ]
+        around = more[1] // 2, more[1] - more[1] // 2, more[0] // 2, more[0] - more[0] // 2
+        blocks = nnf.avg_pool2d(nnf.pad(psf, around), self.side, 1) * self.side**2
+        means = nnf.avg_pool2d(blocks, by, 1)
+        rows, columns = (by * (count // by) for count in sensor)
+        first = height - self.side - (self._top - top), width - self.side - (self._left - left)
+        parts = [
+            means[:, row : row + rows : by, column : column + columns : by].flatten(1)
+            for row in range(first[0], first[0] - self.side * self._rows, -self.side)
+            for column in range(first[1], first[1] - self.side * self._columns, -self.side)
+        ]
+        return torch.stack(parts, 1)
+
+    def support(self, sides: Sides) -> PixelRectangle:
+        """The pixels of a rectangle of blocks."""
+        top, bottom, left, right = (self.side * side for side in sides)
+        return PixelRectangle(self._top + top, self._left + left, bottom - top, right - left)
+
+    def likeliest(self) -> Sides:
+        """Of rectangles around the domain's middle, the one that has most."""
+        smaller = range((min(self._rows, self._columns) + 1) // 2)
+        best = max((self._less(k, k) for k in smaller), key=self.of)
+        while True:
+            better = max(self._beside(best), key=self.of)
+            if self.of(better) <= self.of(best):
+                return best
+            best = better
+
+    def _less(self, down: int, across: int) -> Sides:
+        return down, self._rows - down, across, self._columns - across
+
+    def _beside(self, sides: Sides) -> Iterator[Sides]:
+        """Rectangles that are somewhat higher, lower, wider or narrower."""
+        down, _, across, _ = sides
+        for step in _STEPS:
+            if 0 <= down - step < self._rows / 2:
+                yield self._less(down - step, across)
+            if 0 <= across - step < self._columns / 2:
+                yield self._less(down, across - step)
+
+    def _of(self, sides: Sides) -> float:
+        """Its logarithm, over that of no light at all."""
+        top, bottom, left, right = sides
+        numbers = torch.arange(len(self._places), device=self._places.device)
+        chosen = numbers.view(self._rows, self._columns)[top:bottom, left:right].flatten()
+        places = self._places[chosen]
+        length = _LENGTH * max(bottom - top, right - left)
+        alike = 1 + _CONTRAST**2 * torch.exp(-torch.cdist(places, places) / length)
+        root = torch.linalg.cholesky(alike)
+        total = 0.0
+        for gram, sums in zip(self._grams, self._sums, strict=True):
+            values, vectors = torch.linalg.eigh(root.T @ gram[chosen][:, chosen] @ root)
+            values = values.clamp_min(0)
+            powers = (vectors.T @ (root.T @ sums[chosen])).square()
+            strengths = (_STRENGTHS.to(values) / values[-1])[:, None]
+            spread = 1 + strengths * values
+            each = (strengths * powers / spread - spread.log()).sum(1) / 2
+            total += float(each.max())
+        return total
+
+
+class _Fast:
+    """Takes the slowest light out of planes of means, given as vectors along the last axis."""
+
+    def __init__(self, slow: Tensor) -> None:
+        self._slow, _ = torch.linalg.qr(slow.T)
+
+    def __call__(self, planes: Tensor) -> Tensor:
+        return planes - (planes @ self._slow) @ self._slow.T
+
+
+def _excess(gram: Tensor, sums: Tensor, power: float, pixels: int) -> float:
+    """What the blocks leave of a channel: see `Evidence.excess`."""
+    values, vectors = torch.linalg.eigh(gram)
+    resolved = values > _RESOLVED
+    explained = ((vectors.T @ sums)[resolved].square() / values[resolved]).sum()
+    return max(1.0, (power - float(explained)) / max(1, pixels - int(resolved.sum())))
+
+
+def _means(planes: Tensor, by: int) -> Tensor:
+    means: Tensor = nnf.avg_pool2d(planes, by)
+    return means
+
+
+def _cosines(rows: int, columns: int) -> Tensor:
+    """The slowest, (number, pixels)."""
+    down, across = (
+        torch.cos(math.pi / count * (torch.arange(count)[:, None] + 0.5) * torch.arange(_SLOW))
+        for count in (rows, columns)
+    )
+    return torch.einsum("yi,xj->ijyx", down, across).flatten(2).flatten(0, 1)
