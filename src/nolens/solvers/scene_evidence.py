@@ -8,9 +8,9 @@ outside, a measurement b with white noise of standard deviation σ has the proba
 
 with :math:`G = A^T A / σ^2`, :math:`y = A^T b / σ^2` and the most likely strength a, of each
 channel by itself (the evidence, `mackay1992`). What the blocks leave beyond the noise, as the model
-errs, counts as noise. A rectangle that is too large has light to expect
-where none is, one that is too small cannot explain what there is. The error of held-out pixels
-tells the latter alone where noise is much.
+errs, counts as noise. A rectangle that is too large expects light where there is none, and one that
+is too small cannot explain what there is. In much noise, the error of held-out pixels tells the
+latter alone.
 """
 
 import math
@@ -36,6 +36,8 @@ _SLOW = 2
 """Cosines each way that do not count: the slowest light is where a model errs most."""
 _RESOLVED = 1.0
 """Eigenvalue of G from which on the measurement tells the light of blocks."""
+_DARK = 1e-30
+"""Of that eigenvalue at least: a channel may be dark."""
 _STEPS = (-2, -1, 1, 2)
 """Blocks by which two sides move outwards together."""
 
@@ -151,7 +153,7 @@ class Evidence:
             values, vectors = torch.linalg.eigh(root.T @ gram[chosen][:, chosen] @ root)
             values = values.clamp_min(0)
             powers = (vectors.T @ (root.T @ sums[chosen])).square()
-            strengths = (_STRENGTHS.to(values) / values[-1])[:, None]
+            strengths = (_STRENGTHS.to(values) / values[-1].clamp_min(_DARK))[:, None]
             spread = 1 + strengths * values
             each = (strengths * powers / spread - spread.log()).sum(1) / 2
             total += float(each.max())
@@ -165,7 +167,8 @@ class _Fast:
         self._slow, _ = torch.linalg.qr(slow.T)
 
     def __call__(self, planes: Tensor) -> Tensor:
-        return planes - (planes @ self._slow) @ self._slow.T
+        slow: Tensor = (planes @ self._slow) @ self._slow.T
+        return planes - slow
 
 
 def _excess(gram: Tensor, sums: Tensor, power: float, pixels: int) -> float:

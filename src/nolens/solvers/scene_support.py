@@ -43,7 +43,7 @@ _BURIED = 0.2
 _DROWNED = 0.8
 """The same, above which a photograph of all of the PSF's support is the only one."""
 _SCENE = 8.0
-"""Evidence from which on it tells where light comes from; in noise alone a rectangle has up to 4."""
+"""Evidence from which on a rectangle is likely; in noise alone it has up to 5."""
 _MARGIN, _MARGIN_AT_LEAST = 0.02, 2
 """Of the rectangle's sides, added on either side, and in pixels."""
 _AROUND = (0.0, 0.15, 0.3)
