@@ -91,24 +91,25 @@ class Evidence:
     def _lights(self, psf: Tensor, problem: Problem, by: int) -> Tensor:
         """What each block puts on means of by×by of the sensor's pixels, (channels, blocks, means).
 
-        A pixel of the scene puts that part of the PSF on the sensor which lies as far from the
-        PSF's end as the pixel from where the scene begins.
+        A pixel of the scene in row r puts row i - r of the PSF, from its middle, on row i of the
+        sensor.
         """
-        height, width = problem.scene_shape[1:]
-        sensor, (top, left) = problem.forward.sensor, problem.forward.geometry.origin
-        more = [
-            scene + own - 1 - of_psf
-            for scene, own, of_psf in zip((height, width), sensor, psf.shape[-2:], strict=True)
-        ]
-        around = more[1] // 2, more[1] - more[1] // 2, more[0] // 2, more[0] - more[0] // 2
-        blocks = nnf.avg_pool2d(nnf.pad(psf, around), self.side, 1) * self.side**2
-        means = nnf.avg_pool2d(blocks, by, 1)
+        sensor = problem.forward.sensor
+        beside = [side + self.side for side in sensor]
+        around = nnf.pad(psf, (beside[1], beside[1], beside[0], beside[0]))
+        means = nnf.avg_pool2d(nnf.avg_pool2d(around, self.side, 1) * self.side**2, by, 1)
         rows, columns = (by * (count // by) for count in sensor)
-        first = height - self.side - (self._top - top), width - self.side - (self._left - left)
+        # Of the first block, whose last pixel's PSF begins first.
+        row, column = (
+            zeros + of_psf // 2 - first - (self.side - 1)
+            for zeros, of_psf, first in zip(
+                beside, psf.shape[-2:], (self._top, self._left), strict=True
+            )
+        )
         parts = [
-            means[:, row : row + rows : by, column : column + columns : by].flatten(1)
-            for row in range(first[0], first[0] - self.side * self._rows, -self.side)
-            for column in range(first[1], first[1] - self.side * self._columns, -self.side)
+            means[:, top : top + rows : by, left : left + columns : by].flatten(1)
+            for top in range(row, row - self.side * self._rows, -self.side)
+            for left in range(column, column - self.side * self._columns, -self.side)
         ]
         return torch.stack(parts, 1)
 
