@@ -21,7 +21,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.operators import PixelRectangle
+from nolens.operators import PixelRectangle, slow_cosines
 from nolens.solvers.held_out import channel_noise
 from nolens.solvers.problem import Problem
 
@@ -68,16 +68,16 @@ class Evidence:
         usable = _means(problem.valid.to(psf.dtype), by) == 1
         data = _means(torch.where(problem.valid, problem.data, 0), by)
         noise = channel_noise(problem) / by
-        slow = _cosines(*data.shape[-2:]).to(psf)
+        slow = torch.kron(*(slow_cosines(count)[:_SLOW] for count in data.shape[-2:])).to(psf)
         lights = self._lights(psf / problem.psf_norm, problem, by)
         self.excess = list[float]()
         """Mean square of what the blocks leave of each channel, over its noise's; 1 at least."""
         self._grams, self._sums = list[Tensor](), list[Tensor]()
         for channel, deviation in enumerate(noise):
             seen = usable[channel].flatten() / deviation
-            fast = _Fast(slow * (seen > 0))
-            light = fast(lights[channel % len(lights)] * seen)
-            values = fast(data[channel].flatten() * seen)
+            basis, _ = torch.linalg.qr((slow * (seen > 0)).T)
+            light = _without(basis, lights[channel % len(lights)] * seen)
+            values = _without(basis, data[channel].flatten() * seen)
             gram, sums = (light @ light.T).double(), (light @ values).double()
             pixels = int((seen > 0).sum()) - len(slow)
             excess = _excess(gram, sums, float(values.double().square().sum()), pixels)
@@ -161,15 +161,10 @@ class Evidence:
         return total
 
 
-class _Fast:
-    """Takes the slowest light out of planes of means, given as vectors along the last axis."""
-
-    def __init__(self, slow: Tensor) -> None:
-        self._slow, _ = torch.linalg.qr(slow.T)
-
-    def __call__(self, planes: Tensor) -> Tensor:
-        slow: Tensor = (planes @ self._slow) @ self._slow.T
-        return planes - slow
+def _without(basis: Tensor, light: Tensor) -> Tensor:
+    """Light, (…, means), without its part in a basis, (means, number)."""
+    part: Tensor = (light @ basis) @ basis.T
+    return light - part
 
 
 def _excess(gram: Tensor, sums: Tensor, power: float, pixels: int) -> float:
@@ -183,12 +178,3 @@ def _excess(gram: Tensor, sums: Tensor, power: float, pixels: int) -> float:
 def _means(planes: Tensor, by: int) -> Tensor:
     means: Tensor = nnf.avg_pool2d(planes, by)
     return means
-
-
-def _cosines(rows: int, columns: int) -> Tensor:
-    """The slowest, (number, pixels)."""
-    down, across = (
-        torch.cos(math.pi / count * (torch.arange(count)[:, None] + 0.5) * torch.arange(_SLOW))
-        for count in (rows, columns)
-    )
-    return torch.einsum("yi,xj->ijyx", down, across).flatten(2).flatten(0, 1)
