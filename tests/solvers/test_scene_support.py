@@ -248,6 +248,17 @@ def test_is_the_likeliest_part_of_that() -> None:
     assert max(support.height, support.width) < 60  # Of 65.
 
 
+def test_is_the_likeliest_part_where_nearly_all_is_noise() -> None:
+    """A night: a bright place, and next to nothing around it."""
+    psf = mask_psf()
+    scene = 0.003 * torch.ones(1, 64, 64)
+    scene[:, 24:40, 16:48] = photograph()[:, 24:40, 16:48]
+    light = measured(psf, picture({(64, 80): scene}), 0)
+    support = chosen(psf, light + 3 * light.std() * torch.randn(light.shape))
+    assert support is not None and holds(support, 88, 96, 16, 32)
+    assert max(support.height, support.width) < 50  # Of 65.
+
+
 def test_is_full_where_light_comes_from_everywhere() -> None:
     psf = mask_psf()
     scene = torch.rand(1, 17, 19).repeat_interleave(30, -1).repeat_interleave(30, -2)

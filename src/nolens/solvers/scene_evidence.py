@@ -10,12 +10,13 @@ with :math:`G = A^T A / σ^2`, :math:`y = A^T b / σ^2` and the most likely stre
 channel by itself (the evidence, `mackay1992`). What the blocks leave beyond the noise, as the model
 errs, counts as noise. A rectangle that is too large expects light where there is none, and one that
 is too small cannot explain what there is. In much noise, the error of held-out pixels tells the
-latter alone.
+latter alone. Dim light is less than what a larger rectangle as bright would expect: it has a
+rectangle of its own, around, where K^½ is a fraction of what it is inside.
 """
 
 import math
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache, partial
 
 import torch
 import torch.nn.functional as nnf
@@ -40,6 +41,13 @@ _DARK = 1e-30
 """Of that eigenvalue at least: a channel may be dark."""
 _STEPS = (-2, -1, 1, 2)
 """Blocks by which two sides move outwards together."""
+_DIM = 0.3
+"""Of the light inside, what dim light around is expected to be. A tenth is what a model that errs
+has around, too."""
+_LIKELY = 8.0
+"""Evidence from which on there is light, or dim light around; in noise alone it has up to 5."""
+_ERRS = 1e-3
+"""Of the evidence inside, that around may have more as the model errs."""
 
 Sides = tuple[int, int, int, int]
 """First row of blocks and the one after the last, and columns."""
@@ -118,37 +126,63 @@ class Evidence:
         top, bottom, left, right = (self.side * side for side in sides)
         return PixelRectangle(self._top + top, self._left + left, bottom - top, right - left)
 
-    def likeliest(self) -> Sides:
-        """Of rectangles around the domain's middle, the one that has most."""
+    def likeliest(self) -> Sides | None:
+        """Of rectangles around the domain's middle, the one that has most, or that with dim light
+        around it where some is likely; None where no rectangle is likely.
+        """
         smaller = range((min(self._rows, self._columns) + 1) // 2)
-        best = max((self._less(k, k) for k in smaller), key=self.of)
+        inner = self._best((self._less(k, k) for k in smaller), self.of)
+        most = self.of(inner)
+        if most < _LIKELY:
+            return None
+        of = partial(self.of, inner=inner)
+        outer = self._best(self._around(inner), of, inner)
+        return outer if of(outer) - most >= max(_LIKELY, _ERRS * most) else inner
+
+    def _best(
+        self, first: Iterable[Sides], of: Callable[[Sides], float], inner: Sides | None = None
+    ) -> Sides:
+        """From the best of some rectangles, step by step to one with none better beside it."""
+        best = max(first, key=of)
         while True:
-            better = max(self._beside(best), key=self.of)
-            if self.of(better) <= self.of(best):
+            better = max(self._beside(best, inner), key=of, default=best)
+            if of(better) <= of(best):
                 return best
             best = better
 
     def _less(self, down: int, across: int) -> Sides:
         return down, self._rows - down, across, self._columns - across
 
-    def _beside(self, sides: Sides) -> Iterator[Sides]:
-        """Rectangles that are somewhat higher, lower, wider or narrower."""
+    def _around(self, inner: Sides) -> Iterator[Sides]:
+        """Rectangles as much larger each way, to all of the domain."""
+        down, _, across, _ = inner
+        for more in range(max(down, across) + 1):
+            yield self._less(max(0, down - more), max(0, across - more))
+
+    def _beside(self, sides: Sides, inner: Sides | None) -> Iterator[Sides]:
+        """Rectangles that are somewhat higher, lower, wider or narrower; with another in them."""
         down, _, across, _ = sides
+        lowest, narrowest = (self._rows - 1) // 2, (self._columns - 1) // 2
+        if inner is not None:
+            lowest, narrowest = inner[0], inner[2]
         for step in _STEPS:
-            if 0 <= down - step < self._rows / 2:
+            if 0 <= down - step <= lowest:
                 yield self._less(down - step, across)
-            if 0 <= across - step < self._columns / 2:
+            if 0 <= across - step <= narrowest:
                 yield self._less(down, across - step)
 
-    def _of(self, sides: Sides) -> float:
-        """Its logarithm, over that of no light at all."""
-        top, bottom, left, right = sides
+    def _of(self, sides: Sides, inner: Sides | None = None) -> float:
+        """Its logarithm, over that of no light at all; with dim light outside of an inner one."""
+        brightest = sides if inner is None else inner
         numbers = torch.arange(len(self._places), device=self._places.device)
-        chosen = numbers.view(self._rows, self._columns)[top:bottom, left:right].flatten()
+        blocks = numbers.view(self._rows, self._columns)
+        light = torch.full_like(blocks, _DIM, dtype=torch.float64)
+        light[slice(*brightest[:2]), slice(*brightest[2:])] = 1
+        chosen = blocks[slice(*sides[:2]), slice(*sides[2:])].flatten()
         places = self._places[chosen]
-        length = _LENGTH * max(bottom - top, right - left)
+        length = _LENGTH * max(brightest[1] - brightest[0], brightest[3] - brightest[2])
         alike = 1 + _CONTRAST**2 * torch.exp(-torch.cdist(places, places) / length)
-        root = torch.linalg.cholesky(alike)
+        root = light.flatten()[chosen, None] * torch.linalg.cholesky(alike)
         total = 0.0
         for gram, sums in zip(self._grams, self._sums, strict=True):
             values, vectors = torch.linalg.eigh(root.T @ gram[chosen][:, chosen] @ root)

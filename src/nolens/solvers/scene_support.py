@@ -42,8 +42,6 @@ _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
 _DROWNED = 0.8
 """The same, above which a photograph of all of the PSF's support is the only one."""
-_SCENE = 8.0
-"""Evidence from which on a rectangle is likely; in noise alone it has up to 5."""
 _MARGIN, _MARGIN_AT_LEAST = 0.02, 2
 """Of the rectangle's sides, added on either side, and in pixels."""
 _AROUND = (0.0, 0.15, 0.3)
@@ -207,22 +205,13 @@ class _Search:
         clear light lies beside it.
         """
         psf_support = self._psf_support(self._light.scene)
-        if not self._goes_on():
-            return None
-        if (
-            self._light.fraction(psf_support) > _MOST
-            or self._light.visible(psf_support) != psf_support
-        ):
+        if not self._goes_on() or not self._is_part(psf_support):
             return None
         excess, error = self._try(psf_support)[1].prediction.excess(free.prediction)
-        evidence = Evidence(self._psf, self._full, psf_support)
-        sides = evidence.likeliest()
-        likely = evidence.of(sides) >= _SCENE
-        if excess > (_SURELY_TIGHTER if likely else _LIKELY) * error:
+        likely = self._likeliest(psf_support)
+        if excess > (_LIKELY if likely is None else _SURELY_TIGHTER) * error:
             return None
-        support = psf_support
-        if likely:
-            support = with_margin(evidence.support(sides), 0, evidence.side).intersection(support)
+        support = psf_support if likely is None else likely
         while self._goes_on():
             outside, _ = self._try(support)
             if float(outside.max()) < CLEAR_AFAR:
@@ -233,6 +222,19 @@ class _Search:
             if support.union(psf_support) != psf_support:
                 break
         return None
+
+    def _is_part(self, psf_support: PixelRectangle) -> bool:
+        """Whether the scene that the PSF is of is a part of what can be seen."""
+        part = self._light.fraction(psf_support) <= _MOST
+        return part and self._light.visible(psf_support) == psf_support
+
+    def _likeliest(self, psf_support: PixelRectangle) -> PixelRectangle | None:
+        """The likeliest part of the scene that the PSF is of, and a block around."""
+        evidence = Evidence(self._psf, self._full, psf_support)
+        sides = evidence.likeliest()
+        if sides is None:
+            return None
+        return with_margin(evidence.support(sides), 0, evidence.side).intersection(psf_support)
 
     def _finished(
         self, support: PixelRectangle, fitted: PartialFit
@@ -262,15 +264,18 @@ class _Search:
         """The same where predictions do not tell where the sides are.
 
         Those without a clear edge are halfway between the rectangle, with a margin, and the PSF's
-        support.
+        support; or, where nearly all is noise, those of its likeliest part.
         """
         support = self._light.visible(with_margin(support, _MARGIN, _MARGIN_AT_LEAST))
         largest = support.union(self._bounds(support))
         if noise > _DROWNED:
             edges = self._edges(largest, NO_EDGES, _WIDE)
+            psf_support = self._psf_support(self._light.scene)
+            likely = self._likeliest(psf_support) if self._is_part(psf_support) else None
         else:
             edges = self._edges_around(support, self._edges(support, NO_EDGES, _WIDE))
-        support = _halfway(support, largest)
+            likely = None
+        support = _halfway(support, largest) if likely is None else likely
         return support, self._bounded(support, edges)
 
     def _edges_around(self, support: PixelRectangle, edges: Edges) -> Edges:
