@@ -12,6 +12,7 @@ rectangle comes out, and the PSF is of a scene, its likeliest part is taken
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import itemgetter
 
 from torch import Tensor
@@ -173,6 +174,11 @@ class _Search:
         """The rectangle that is chosen, and the scene's edges there; None for no limit."""
         if self._free is None:
             return None, NO_EDGES
+        if self._free.prediction.unexplained_by_noise > _DROWNED and self._likeliest is not None:
+            likely = self._of_psf(self._free)
+            if likely is not None:
+                edges = self._edges(likely, NO_EDGES, _WIDE)
+                return likely, self._bounded(likely, edges)
         support = self._with_detail(self._free)
         while support is not None and self._goes_on():
             outside, fitted = self._try(support)
@@ -197,18 +203,17 @@ class _Search:
         return self._of_psf(self._free), NO_EDGES
 
     def _of_psf(self, free: PartialFit) -> PixelRectangle | None:
-        """The likeliest part of the scene that the PSF is of, a block around, and clear light
-        beside; all of it where no part is likely.
+        """The likeliest part of the scene that the PSF is of, and clear light beside; all of it
+        where no part is likely.
 
         Where the PSF explains little, as it changes over the field, nothing else tells. None where
         that scene predicts surely worse than no limit (likely worse, without a likely part), or
         clear light lies beside it.
         """
-        psf_support = self._psf_support(self._light.scene)
+        psf_support, likely = self._psf_support(self._light.scene), self._likeliest
         if not self._goes_on() or not self._is_part(psf_support):
             return None
         excess, error = self._try(psf_support)[1].prediction.excess(free.prediction)
-        likely = self._likeliest(psf_support)
         if excess > (_LIKELY if likely is None else _SURELY_TIGHTER) * error:
             return None
         support = psf_support if likely is None else likely
@@ -228,8 +233,14 @@ class _Search:
         part = self._light.fraction(psf_support) <= _MOST
         return part and self._light.visible(psf_support) == psf_support
 
-    def _likeliest(self, psf_support: PixelRectangle) -> PixelRectangle | None:
-        """The likeliest part of the scene that the PSF is of, and a block around."""
+    @cached_property
+    def _likeliest(self) -> PixelRectangle | None:
+        """The likeliest part of the scene that the PSF is of, and a block around; None where no
+        part is likely.
+        """
+        psf_support = self._psf_support(self._light.scene)
+        if not self._is_part(psf_support):
+            return None
         evidence = Evidence(self._psf, self._full, psf_support)
         sides = evidence.likeliest()
         if sides is None:
@@ -264,18 +275,15 @@ class _Search:
         """The same where predictions do not tell where the sides are.
 
         Those without a clear edge are halfway between the rectangle, with a margin, and the PSF's
-        support; or, where nearly all is noise, those of its likeliest part.
+        support.
         """
         support = self._light.visible(with_margin(support, _MARGIN, _MARGIN_AT_LEAST))
         largest = support.union(self._bounds(support))
         if noise > _DROWNED:
             edges = self._edges(largest, NO_EDGES, _WIDE)
-            psf_support = self._psf_support(self._light.scene)
-            likely = self._likeliest(psf_support) if self._is_part(psf_support) else None
         else:
             edges = self._edges_around(support, self._edges(support, NO_EDGES, _WIDE))
-            likely = None
-        support = _halfway(support, largest) if likely is None else likely
+        support = _halfway(support, largest)
         return support, self._bounded(support, edges)
 
     def _edges_around(self, support: PixelRectangle, edges: Edges) -> Edges:
