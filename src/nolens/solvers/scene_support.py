@@ -7,7 +7,7 @@ on until the rectangle stays. It grows to where the measurement asks for light o
 more around it, show where the scene ends (`nolens.solvers.scene_edges`); where they do not, its
 sides move inwards for as long as pixels that are left out of the fit are predicted better. Where no
 rectangle comes out, and the PSF is of a scene, its likeliest part is taken
-(`nolens.solvers.scene_evidence`).
+(`nolens.solvers.scene_evidence`); where nearly all is noise, before anything else is tried.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,8 @@ _SURELY_TIGHTER = 3.0
 _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
 _DROWNED = 0.8
-"""The same, above which a photograph of all of the PSF's support is the only one."""
+"""The same, above which detail tells nothing: the likeliest part of the PSF's support is asked
+first, and without one, a photograph of all of that is the only one."""
 _MARGIN, _MARGIN_AT_LEAST = 0.02, 2
 """Of the rectangle's sides, added on either side, and in pixels."""
 _AROUND = (0.0, 0.15, 0.3)
