@@ -178,8 +178,10 @@ class _Search:
         if self._free.prediction.unexplained_by_noise > _DROWNED and self._likeliest is not None:
             likely = self._of_psf(self._free)
             if likely is not None:
-                edges = self._edges(likely, NO_EDGES, _WIDE)
-                return likely, self._bounded(likely, edges)
+                largest = self._psf_support(self._light.scene)
+                edges = self._edges(largest, NO_EDGES, _WIDE)
+                support = _halfway(likely, largest)
+                return support, self._bounded(support, edges)
         support = self._with_detail(self._free)
         while support is not None and self._goes_on():
             outside, fitted = self._try(support)
