@@ -7,7 +7,7 @@ on until the rectangle stays. It grows to where the measurement asks for light o
 more around it, show where the scene ends (`nolens.solvers.scene_edges`); where they do not, its
 sides move inwards for as long as pixels that are left out of the fit are predicted better. Where no
 rectangle comes out, and the PSF is of a scene, its likeliest part is taken
-(`nolens.solvers.scene_evidence`); where nearly all is noise, before anything else is tried.
+(`nolens.solvers.scene_evidence`); where nearly all is noise, it is asked before anything else.
 """
 
 from collections.abc import Callable
@@ -180,8 +180,8 @@ class _Search:
             if likely is not None:
                 largest = self._psf_support(self._light.scene)
                 edges = self._edges(largest, NO_EDGES, _WIDE)
-                support = _halfway(likely, largest)
-                return support, self._bounded(support, edges)
+                halfway = _halfway(likely, largest)
+                return halfway, self._bounded(halfway, edges)
         support = self._with_detail(self._free)
         while support is not None and self._goes_on():
             outside, fitted = self._try(support)
