@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import statistics
 import time
 from collections.abc import Callable
@@ -70,15 +71,23 @@ def among(psf: Psf, numbers: list[int]) -> Psf:
     return replace(psf, field_psf=FieldPsf(whole.values[numbers], whole.places[numbers]))
 
 
-def captured(camera: nl.Camera, angle: str, folder: Path) -> Path:
-    """The camera's folder, with PSFs stitched of nine captures."""
+def captured(camera: nl.Camera, scene_deg: tuple[float, float], folder: Path) -> Path:
+    """The camera's folder, with PSFs stitched of nine captures for a scene across and down."""
     if not (folder / "psfs.toml").exists():
         twin = Twin.of(camera.loaded).reading(*PIXELS)
         write_camera(folder, twin.camera, camera.loaded.relief_um)
         experiment = VirtualExperiment(twin, Light("white-led"))
-        write_psfs(folder, captures(experiment, float(angle.removesuffix("deg"))))
+        write_psfs(folder, captures(experiment, scene_deg))
         calibrate_stitch(CalibrateStitchOptions(folder=folder), Quiet())
     return folder
+
+
+def angles_deg(angle: str, photograph: str) -> tuple[float, float]:
+    """Which angle a photograph fills across, and down."""
+    across = float(angle.removesuffix("deg"))
+    height, width = getattr(data, photograph)().shape[:2]
+    half = math.atan(math.tan(math.radians(across / 2)) * height / width)
+    return across, 2 * math.degrees(half)
 
 
 def pictures(camera: nl.Camera, photograph: str, angle: str, path: Path) -> None:
@@ -94,7 +103,7 @@ def pictures(camera: nl.Camera, photograph: str, angle: str, path: Path) -> None
         lambda: one,
         lambda: among(psfs, [0, 4, 12, 20, 24]),
         lambda: among(psfs, MIDDLE),
-        lambda: captured(camera, angle, path.with_suffix("")),
+        lambda: captured(camera, angles_deg(angle, photograph), path.with_suffix("")),
         lambda: psfs,
         lambda: among(psfs, MIDDLE),
     )
@@ -195,8 +204,8 @@ def report(
         "paper's sensor, 7×7 PSFs, noise, mosaic, exposed to 90 % of the full well; PSFs without",
         "noise), reconstructed by total variation, and by the trained prior: PSNR in dB,",
         "iterations (turns of the network among them), processor seconds.",
-        "Captured PSFs are of four noisy frames each, at angles half a degree off",
-        "(`calibrate stitch`).",
+        "Captured PSFs are of four noisy frames each, at angles half a degree off, of a grid a",
+        "degree wider and higher than the scene (`calibrate stitch`).",
         "PSFs of sharp lenslets change fast with the angle",
         "([decision 18](decisions/0018-field-and-colours.md)).",
         f"{len(rows)} of {len(CAMERAS) * len(SCENES)} cases.",

@@ -49,13 +49,18 @@ class Quiet(Reporter):
         print(f"warning: {text}", file=sys.stderr)
 
 
-def captures(bench: VirtualExperiment, scene_deg: float = SCENE_DEG) -> dict[PsfEntry, Tensor]:
-    """PSFs of nine lights, each the mean of some frames; all angles but one are off."""
+def captures(
+    bench: VirtualExperiment, scene_deg: tuple[float, float] = (SCENE_DEG, SCENE_DEG)
+) -> dict[PsfEntry, Tensor]:
+    """PSFs of nine lights for a scene of an angle across and down, each the mean of some frames.
+
+    All angles but one are off.
+    """
     generator = torch.Generator().manual_seed(1)
-    edge = scene_deg / 2 + MORE_DEG
+    across, down = (each / 2 + MORE_DEG for each in scene_deg)
     found = {}
-    for up in (edge, 0.0, -edge):
-        for right in (-edge, 0.0, edge):
+    for up in (down, 0.0, -down):
+        for right in (-across, 0.0, across):
             off = OFF_DEG * torch.randn(2, generator=generator) * (1.0 if up or right else 0.0)
             tangents = [
                 math.tan(math.radians(stated + float(error)))
@@ -64,7 +69,7 @@ def captures(bench: VirtualExperiment, scene_deg: float = SCENE_DEG) -> dict[Psf
             source = PointSource((-tangents[1], tangents[0]), DISTANCE_UM, 50.0)
             image = bench.light_of(source)
             frames = [develop(bench.exposed(image, 0.9, seed)) for seed in range(FRAMES)]
-            psf = torch.stack([frame.values for frame in frames]).mean(dim=0).clamp_min(0)
+            psf = torch.stack([frame.values for frame in frames]).mean(dim=0)
             entry = PsfEntry.model_validate({
                 "file": f"psf-300mm-{right:g}deg-{up:g}deg.tif",
                 "cell": f"{bench.twin.pixel_um:g} um",

@@ -74,11 +74,11 @@ class Shot:
             mean.add(self.frame(fill, first + number, exposure_s))
         return mean
 
-    def darks(self, count: int) -> FrameMean:
+    def darks(self, count: int, first: int = 70000) -> FrameMean:
         bare = replace(self, veil=None)
-        mean = FrameMean(bare.frame(DARK, 70000), "dark frame")
+        mean = FrameMean(bare.frame(DARK, first), "dark frame")
         for number in range(1, count):
-            mean.add(bare.frame(DARK, 70000 + number))
+            mean.add(bare.frame(DARK, first + number))
         return mean
 
     def write(self, folder: Path, count: int, fill: float, ms: float, what: str) -> list[Path]:

@@ -23,9 +23,11 @@ def calibrated(
     taken: Shot, fills: dict[float, float], count: int = 8, darks: int = 8,
     stray: StrayLight = "auto",
 ) -> PointPsf:  # fmt: skip
-    """Frames by exposure time, each with its fill of the brightest pixel."""
+    """Frames by exposure time, each with its fill of the brightest pixel, and dark frames."""
     frames = {time: taken.frames(count, fill, time) for time, fill in fills.items()}
-    dark = dict.fromkeys(fills, taken.darks(darks)) if darks else {}
+    dark = {}
+    if darks:
+        dark = {time: taken.darks(darks, 70000 + 100 * n) for n, time in enumerate(fills)}
     return point_psf(frames, dark, pixel_um=3.1, stray=stray)
 
 
@@ -55,6 +57,17 @@ def test_noisy_clipped_frames_give_back_the_psf(
         point_psf(alone, {}, pixel_um=3.1)
     worse = calibrated(taken, {0.01: 0.5, 0.04: 2.0}, darks=0)
     assert decibels(worse.psf, truth) < decibels(found.psf, truth) - 6
+
+
+def test_the_dark_between_spots_has_no_light() -> None:
+    """Cut off at zero, its noise would be a tenth of the mean light, with spots 8 pixels apart."""
+    spots = torch.zeros_like(light_of(*OPEN))
+    spots[..., ::8, ::8], spots[..., 1::8, 1::8] = 1.0, 1.0
+    taken = Shot(bench(*OPEN), spots)
+    found, truth = calibrated(taken, {0.01: 0.02}, count=4).psf, taken.truth
+    dark = truth == 0
+    assert float(dark.double().mean()) > 0.9
+    assert abs(float(found[dark].mean())) < 0.02 * float(found.mean())
 
 
 def test_several_exposures_are_better_than_each() -> None:

@@ -162,7 +162,7 @@ def test_hand(tmp_path: Path) -> None:
     assert 40 < psf["background_counts"][0] < 110
     assert 0 < psf["saturated_fraction"] < 1e-3 and 1 < psf["saturated_raised"] < 2
     values = read_psf(tmp_path / "theirs", read_psf_set(tmp_path / "theirs").psf[0])
-    assert float(values.min()) == 0
+    assert -100 < float(values.min()) < 0 and abs(float(values[..., -50:].mean())) < 20
     assert torch.equal(nl.import_psf(path).values, values)
 
 

@@ -231,7 +231,7 @@ def scaled_psf(
         ndimage.map_coordinates(plane, where, order=_SPLINE, mode="nearest") * light
         for plane in psf.double().numpy()
     ]
-    result = torch.from_numpy(np.stack(planes)).clamp_min(0)
+    result = torch.from_numpy(np.stack(planes))
     known = torch.from_numpy(~unknown)
     return Scaled(
         with_mean_light(result, known).to(psf.dtype), 1 / near, float((~known).double().mean())

@@ -250,7 +250,8 @@ class PointPsf:
     ----------
     psf
         (channels, rows, columns), counts in a second (of one frame, if no time is known) on the
-        pixels of the reconstruction; not negative.
+        pixels of the reconstruction. Noise makes dark pixels negative, too: without that the mean
+        of the dark would be above zero, and a scene's glow with it.
     noise_rms
         Of each channel, in the same unit.
     noise
@@ -410,7 +411,7 @@ def point_psf(
         usable_band(plane, pixel_um, variance=own, noise=half)
         for plane, own, half in zip(picture, variance, planes, strict=True)
     )
-    psf = (picture - removed).clamp_min(0)
+    psf = picture - removed
     if not float(psf.max()) > 0:
         raise DataError(f"{first.source} shows no light of a point source besides the stray light")
     return PointPsf(

@@ -35,7 +35,7 @@ class PsfImport:
     Parameters
     ----------
     psf
-        (channels, rows, columns), not negative.
+        (channels, rows, columns).
     channels
         Name of each.
     merged
@@ -143,10 +143,10 @@ def import_psf(
         developed, values=full, valid=torch.ones_like(developed.valid), black_stated=known
     )
     warnings = [*check_psf(checked, full), *_saturation_warnings(developed, saturated)]
-    psf = full.clamp_min(0)
     notes: tuple[str, ...] = ()
+    psf = full
     if sensor is not None and not wide:
-        psf, notes = _on_sensor(psf, sensor, frame.source, partial=partial)
+        psf, notes = _on_sensor(full, sensor, frame.source, partial=partial)
     return PsfImport(
         psf,
         developed.channels,

@@ -124,7 +124,7 @@ def prepare_psf(
             "give what the sensor measured of the scene, and what it measured of a point source"
         )
     warnings += _pair_warnings(psf, values, measurement)
-    values, notes = _widened(psf, values.clamp_min(0.0), measurement)
+    values, notes = _widened(psf, values, measurement)
     return PreparedPsf(values, tuple(warnings), notes)
 
 
@@ -174,7 +174,7 @@ def _sides(values: Tensor, axis: int, need: int) -> tuple[int, int]:
     have = values.shape[axis]
     if have <= need:
         return need // 2, need - need // 2
-    lit = values.amax(dim=(0, -1 if axis == -2 else -2)).nonzero().flatten()
+    lit = (values.amax(dim=(0, -1 if axis == -2 else -2)) > 0).nonzero().flatten()
     before = max(need // 2, have // 2 - int(lit[0]))
     after = max(need - need // 2, int(lit[-1]) + 1 - have // 2)
     if after not in (before, before + 1):

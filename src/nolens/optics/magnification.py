@@ -18,12 +18,12 @@ def magnified(psf: Tensor, factor: float, *, moved: tuple[float, float] = (0.0, 
     :math:`M = 1 + D / z`, with :math:`D = Σ t_j / n_j` of the layers down to the sensor
     (`uvimprint`, sec. 3.5). Values between pixels come from a sinc under the main lobe of a wider
     one (`duchon1979`), stretched where the PSF shrinks so that nothing is missed between
-    samples; what it undershoots is cut off at zero.
+    samples. It undershoots beside sharp spots; cut off at zero the PSF would have more light.
 
     Parameters
     ----------
     psf
-        (..., rows, columns), not negative; zero shift is the pixel (rows // 2, columns // 2).
+        (..., rows, columns); zero shift is the pixel (rows // 2, columns // 2).
     factor
         M, more than zero.
     moved
@@ -49,7 +49,7 @@ def magnified(psf: Tensor, factor: float, *, moved: tuple[float, float] = (0.0, 
     result = psf
     for axis, shift in zip((-2, -1), moved, strict=True):
         result = _resampled(result, axis, factor, shift)
-    return result.div_(factor * factor).clamp_min_(0)
+    return result.div_(factor * factor)
 
 
 def covered(

@@ -52,7 +52,7 @@ class PsfAt:
     Parameters
     ----------
     psf
-        (channels, rows, columns), not negative; zero shift is the pixel (rows // 2, columns // 2).
+        (channels, rows, columns); zero shift is the pixel (rows // 2, columns // 2).
     distance_um
         May be infinite.
     """
@@ -392,7 +392,7 @@ def _fitting_psf(
             "was read out like the PSFs"
         )
     prepare_psf(psf, measurement, PsfGeometry(extended=extended))
-    return develop(frame, channels=channels).values.clamp_min(0)
+    return develop(frame, channels=channels).values
 
 
 def _cut_alike(psfs: Sequence[PsfAt]) -> list[PsfAt]:
