@@ -68,7 +68,7 @@ class PreparedPsf:
     Attributes
     ----------
     values
-        float32, (channels, height, width), not negative; one channel serves all.
+        float32, (channels, height, width); one channel serves all.
     warnings
         Sentences to show, one for each warning.
     notes
