@@ -63,6 +63,19 @@ def test_same_size_is_kept_with_its_noise():
     assert result.warnings == ()
 
 
+def test_a_black_level_that_is_too_high_is_made_up_for():
+    """By light that is never below zero; so little takes 11 dB through sparse lenslets."""
+    generator = torch.manual_seed(2)
+    spots = torch.zeros(1, 120, 150)
+    spots[:, 5::20, 5::20] = 100.0
+    right = spots + (torch.randn(spots.shape, generator=generator) * 0.5).round()
+    for wrong in (0.0, 0.1, 0.7):
+        result = prepare_psf(measurement(right - wrong, source="psf.tif"), scene(120, 150))
+        assert float((result.values - right).mean()) == pytest.approx(0, abs=0.02)
+    lit = prepare_psf(measurement(right + 1, source="psf.tif"), scene(120, 150))
+    assert torch.equal(lit.values, right + 1)
+
+
 def test_grey_serves_colour_and_colour_serves_its_own():
     assert prepare_psf(spot(24, 30), scene(24, 30, 3, **RGB)).values.shape == (1, 24, 30)
     assert prepare_psf(spot(24, 30, 3, **RGB), scene(24, 30, 3, **RGB)).values.shape[0] == 3

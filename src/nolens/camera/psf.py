@@ -24,6 +24,9 @@ _LEAST_SHARPNESS = 0.01
 _PEAK_SIGMAS = 8.0
 _NOISE_RATIO = 0.5
 _NOISY = 0.01
+_NEAR, _SURELY = 2.5, 4.0
+"""Standard deviations of the noise around a PSF's median that its dark pixels lie within, and
+standard errors by which their mean is below zero where the black level is too high."""
 
 Flip = Literal["none", "vertical", "horizontal", "both"]
 """How a picture is turned over: upside down, left to right, or both, which is by 180°."""
@@ -124,8 +127,23 @@ def prepare_psf(
             "give what the sensor measured of the scene, and what it measured of a point source"
         )
     warnings += _pair_warnings(psf, values, measurement)
-    values, notes = _widened(psf, values, measurement)
+    values, notes = _widened(psf, values - _below_zero(values), measurement)
     return PreparedPsf(values, tuple(warnings), notes)
+
+
+def _below_zero(values: Tensor) -> Tensor:
+    """What a black level that is too high took from each channel, (channels, 1, 1), zero or less.
+
+    Half of the noise of dark pixels is below zero, and stays. Where the pixels around the median
+    are surely below it in their mean, as light is not, that mean is the zero.
+    """
+    planes = values.flatten(1)
+    beside = (planes - planes.median(dim=1, keepdim=True).values).abs()
+    deviation = 1.4826 * beside.median(dim=1, keepdim=True).values
+    near = beside <= _NEAR * deviation
+    count = near.sum(dim=1, keepdim=True)
+    mean = (planes * near).sum(dim=1, keepdim=True) / count
+    return torch.where(mean < -_SURELY * deviation / count.sqrt(), mean, 0)[..., None]
 
 
 def check_psf(psf: Measurement, values: Tensor) -> list[str]:
