@@ -132,12 +132,14 @@ def prepare_psf(
 
 
 def _below_zero(values: Tensor) -> Tensor:
-    """What a black level that is too high took from each channel, (channels, 1, 1), zero or less.
+    """What a black level that is too high took from each channel, zero or less, to be subtracted.
 
-    Half of the noise of dark pixels is below zero, and stays. Where the pixels around the median
-    are surely below it in their mean, as light is not, that mean is the zero.
+    Half of the noise of dark pixels is below zero, and stays. Where the median is below it, and
+    the pixels around the median are surely in their mean, as light is not, that mean is the zero.
     """
     planes = values.flatten(1)
+    if not ((planes < 0).sum(dim=1) > planes.shape[1] / 2).any():
+        return planes.new_zeros(())  # No median is: sorting all values takes much longer.
     beside = (planes - planes.median(dim=1, keepdim=True).values).abs()
     deviation = 1.4826 * beside.median(dim=1, keepdim=True).values
     near = beside <= _NEAR * deviation
