@@ -5,7 +5,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 _OBJECTS_BETWEEN_SEARCHES = 50_000
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
@@ -25,12 +25,19 @@ def prepare() -> None:
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     gc.set_threshold(_OBJECTS_BETWEEN_SEARCHES)
-    try:
+    with suppress(AttributeError, OSError, TypeError):  # Another C library.
         mallopt = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError, TypeError):
-        return  # Another C library.
-    mallopt(_MMAP_THRESHOLD, _LARGE_BYTES)
-    mallopt(_TRIM_THRESHOLD, _MOST_BYTES)
+        mallopt(_MMAP_THRESHOLD, _LARGE_BYTES)
+        mallopt(_TRIM_THRESHOLD, _MOST_BYTES)
+
+
+def release_memory() -> None:
+    """Hand freed memory back to the system, before arrays of another size than those so far.
+
+    They do not fit into the holes that are kept (`prepare`).
+    """
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def leave() -> None:

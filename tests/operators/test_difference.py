@@ -2,7 +2,7 @@
 
 import torch
 
-from nolens.operators import FiniteDifference
+from nolens.operators import FiniteDifference, difference
 
 
 def test_differences_to_the_next_row_and_column():
@@ -14,3 +14,12 @@ def test_differences_to_the_next_row_and_column():
 
 def test_uniform_scene_has_none():
     assert not FiniteDifference((4, 5))(torch.full((3, 4, 5), 2.5)).any()
+
+
+def test_bands_are_its_rows(monkeypatch):
+    """One row at a time, two of five, and all at once."""
+    v = torch.rand(3, 5, 4)
+    for pixels in (1, 8, 100):
+        monkeypatch.setattr(difference, "_BAND", pixels)
+        rows = torch.cat(list(FiniteDifference((5, 4)).bands(v)), dim=-2)
+        assert torch.equal(rows, FiniteDifference((5, 4))(v))

@@ -10,9 +10,14 @@ from scipy.optimize import minimize
 
 from nolens.camera import FieldPsf
 from nolens.errors import OptionError
-from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
+from nolens.operators import (
+    CroppedConvolution,
+    FieldConvolution,
+    PixelRectangle,
+    slow_cosines,
+)
 from nolens.solvers import Prior, Problem, admm, fista, split_admm
-from nolens.solvers.linear_step import gram
+from nolens.solvers.linear_step import _Images, _WaveImages, gram
 
 BASE = Case(view=True, support=PixelRectangle(0, 0, 6, 8))
 CASES = {
@@ -211,3 +216,20 @@ def test_steps_among_spectra_are_those_among_pixels():
         for each in (posed.problem, posed.pose(field_psf=alike))
     )
     assert torch.linalg.vector_norm(other - one) <= 1e-4 * torch.linalg.vector_norm(one)
+
+
+@pytest.mark.parametrize("slow_light", [True, False])
+def test_images_of_cosines_without_a_support_are_few_waves(slow_light):
+    """Against the images themselves; the PSF is larger than the sensor."""
+    case = replace(BASE, support=None, sensor=(30, 34), psf=(60, 47), saturated=0.1)
+    problem = replace(pose(case).problem, slow_light=slow_light)
+    rows, columns = (slow_cosines(side).float() for side in problem.scene_shape[1:])
+    light = list(problem.forward.of_products(rows, columns))
+    images, waves = _Images(problem, iter(light)), _WaveImages(problem, iter(light))
+    image, amounts = problem.counted(torch.rand(1, 30, 34)), torch.rand(9)
+    for one, other in (
+        (images.gram, waves.gram),
+        (images.along(image), waves.along(image)),
+        (images.sum(amounts), waves.sum(amounts)),
+    ):
+        assert torch.linalg.vector_norm(other - one) <= 1e-5 * torch.linalg.vector_norm(one)

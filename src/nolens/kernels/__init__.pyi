@@ -1,4 +1,14 @@
 from .admm import PassSums, Repeater, SplitState, solve_normal_equation_, update_splits_
+from .differences import (
+    OPPONENTS,
+    Coupling,
+    Differences,
+    Shrinkage,
+    add_differences_,
+    difference_rows,
+    difference_sums,
+    shrink_differences_,
+)
 from .fft import (
     fast_length,
     fft2_,
@@ -16,11 +26,18 @@ from .spline import odd_spline_
 from .transfer import LayerTransfer, apply_transfer_
 
 __all__ = [
+    "OPPONENTS",
+    "Coupling",
+    "Differences",
     "LayerTransfer",
     "PassSums",
     "Repeater",
+    "Shrinkage",
     "SplitState",
+    "add_differences_",
     "apply_transfer_",
+    "difference_rows",
+    "difference_sums",
     "fast_length",
     "fft2_",
     "ifft2_",
@@ -33,6 +50,7 @@ __all__ = [
     "odd_spline_",
     "rfft2",
     "rfft2_window",
+    "shrink_differences_",
     "solve_normal_equation_",
     "update_splits_",
 ]

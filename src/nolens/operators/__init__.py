@@ -5,7 +5,7 @@ from nolens.operators.convolution import CroppedConvolution, Geometry, PixelRect
 from nolens.operators.difference import FiniteDifference, StackDifference
 from nolens.operators.field_convolution import TRANSFER_BYTES, FieldConvolution, mean_psf
 from nolens.operators.pixelwise import Crop, Diagonal, Identity
-from nolens.operators.slow_light import SlowLightRemoval, slow_cosines
+from nolens.operators.slow_light import SlowLightRemoval, slow_cosines, slow_waves
 from nolens.operators.stack_convolution import StackConvolution
 from nolens.operators.stacks import BlockDiagonal, HorizontalStack, VerticalStack
 
@@ -28,4 +28,5 @@ __all__ = [
     "VerticalStack",
     "mean_psf",
     "slow_cosines",
+    "slow_waves",
 ]

@@ -1,9 +1,15 @@
 """Finite differences between neighbouring pixels."""
 
+from collections.abc import Iterator
+
 import torch
 from torch import Tensor
 
+from nolens.kernels import difference_rows
 from nolens.operators.base import LinearOperator
+
+_BAND = 200_000
+"""Pixels of a band."""
 
 
 class FiniteDifference(LinearOperator):
@@ -44,6 +50,19 @@ class FiniteDifference(LinearOperator):
             for k, each in enumerate(y.unbind(dim=-len(self.shape) - 1), start=-len(self.shape))
         )
         return sum(others, start=first)
+
+    def bands(self, v: Tensor) -> Iterator[Tensor]:
+        """Rows of Ψv, (..., 2, rows, width), some at a time: they need less memory than all.
+
+        Parameters
+        ----------
+        v
+            (..., height, width).
+        """
+        height, width = self.shape
+        step = max(1, _BAND // width)
+        for first in range(0, height, step):
+            yield difference_rows(v, slice(first, min(first + step, height)))
 
 
 class StackDifference(LinearOperator):

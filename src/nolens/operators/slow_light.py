@@ -83,3 +83,23 @@ def slow_cosines(count: int) -> Tensor:
     waves = torch.cos(math.pi * modes[:, None] * place)
     unit: Tensor = waves / torch.linalg.vector_norm(waves, dim=1, keepdim=True)
     return unit
+
+
+def slow_waves(count: int, period: int) -> Tensor:
+    """Orthonormal rows that sines and cosines of `slow_cosines` along `period` are sums of.
+
+    Any convolution of such a cosine is one on `count` pixels, as far as it sees neither end.
+
+    Parameters
+    ----------
+    count
+        Pixels of the rows.
+    period
+        Pixels that the cosines are along.
+    """
+    place = (torch.arange(count, dtype=torch.float64) + 0.5 - count / 2) / period
+    modes = torch.arange(1, min(MODES, period), dtype=torch.float64)
+    turns = math.pi * modes[:, None] * place
+    waves = torch.cat([torch.ones_like(place)[None], torch.cos(turns), torch.sin(turns)])
+    unit: Tensor = torch.linalg.qr(waves.T).Q.T
+    return unit

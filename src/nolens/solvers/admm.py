@@ -21,7 +21,7 @@ _DATA_STEP_TOLERANCE = 1.5
 `scene_tolerance`: the picture's last steps there are noise that comes to rest."""
 _BYTES_PER_PIXEL = 60
 """Held in the first and the last step, where a run holds most, per pixel of the padded shape."""
-_DATA_STEP_BYTES_PER_PIXEL = 155
+_DATA_STEP_BYTES_PER_PIXEL = 100
 
 
 def admm_bytes(pixels: float, *, low_frequency: bool = False) -> float:

@@ -7,12 +7,22 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.kernels import PassSums, SplitState
-from nolens.operators import FiniteDifference
+from nolens.kernels import (
+    Coupling,
+    Differences,
+    PassSums,
+    Shrinkage,
+    SplitState,
+    add_differences_,
+    difference_sums,
+    shrink_differences_,
+)
 from nolens.solvers.admm_state import AdmmState, Penalties
 from nolens.solvers.functionals import OpponentL1
 from nolens.solvers.linear_step import LinearStep, dot, first_in_frame
 from nolens.solvers.problem import Prior, Problem
+
+_Sums = tuple[float, float, float, float]
 
 DATA_STEP_RELAXATION = 1.5
 """α where no other is given."""
@@ -89,14 +99,16 @@ class DataStep:
         relaxation: float,
     ) -> None:
         self._penalties, self._relaxation = penalties, relaxation
-        self._norm = problem.norm_of_differences if problem.varied else None
+        self._prior, self._varied = problem.prior, problem.varied
         self._tau = problem.tau
         self._l1 = problem.tau if problem.prior is Prior.L1 else 0.0
+        self._frame = _Frame.of(problem)
         self._channels = [
-            _Channel(problem.single(number), split) for number, split in enumerate(splits)
+            _Channel(problem.single(number), split, self._frame)
+            for number, split in enumerate(splits)
         ]
         for channel in self._channels:
-            channel.v = self._w(channel.a_w)
+            channel.start(self._w(channel.a_w))
 
     def measure(self, problem: Problem) -> None:
         """Go on with another measurement of the same sizes, or another weight; both above zero."""
@@ -108,50 +120,79 @@ class DataStep:
     def iterate(self, count: int, penalties: Penalties) -> list[PassSums]:
         """Make so many iterations with these penalties; the sums of every channel's last."""
         self._go_on_with(penalties)
-        for channel in self._channels:
-            channel.renew_residual()
         for _ in range(count - 1):
-            self._step()
-        before = [(each.a_u.clone(), each.a_w.clone()) for each in self._channels]
-        self._step()
-        variation = self._variation()
-        after = self._u(self._multiplied)
-        earlier = self._u([a_u for a_u, _ in before])
-        return [
-            each.sums((u, self._w(each.a_w)), (a_u, u_before), (a_w, self._w(a_w)), variation)
-            for each, u, u_before, (a_u, a_w) in zip(
-                self._channels, after, earlier, before, strict=True
+            for each, target in self._targets():
+                self._step(each, target)
+        before = [(down.clone(), right.clone()) for down, right in self._splits]
+        scenes, of_w = list[Tensor](), list[_Sums]()
+        for each, target in self._targets():
+            a_w = each.a_w.clone()
+            scene = self._step(each, target)
+            now, then = (each.a_w, self._w(each.a_w)), (a_w, self._w(a_w))
+            of_w.append(_sums(scene, now, then))
+            scenes.append(scene)
+            each.renew_residual()
+        of_u, variation = self._sums_of_u(scenes, before)
+        sums = []
+        for each, scene, *both in zip(self._channels, scenes, of_u, of_w, strict=True):
+            primal, split, change, turned = ((0.0, u, w) for u, w in zip(*both, strict=True))
+            residual, magnitude = _squares(each.residual), scene.abs().sum(dtype=torch.float64)
+            sums.append(
+                PassSums(primal, split, change, turned, residual, variation, float(magnitude))
             )
-        ]
+        return sums
 
     def write(self, splits: list[SplitState]) -> None:
         """Write the splits u and w with their multipliers, and x on the valid pixels."""
         for channel, split in zip(self._channels, splits, strict=True):
             channel.write(split)
 
-    def _u(self, multiplied: list[Tensor]) -> Iterator[Tensor]:
-        """Proximal map of the variation, of one channel after the other."""
-        step = self._tau / self._penalties[1] if self._norm is not None else 0.0
-        if isinstance(self._norm, OpponentL1):
-            yield from torch.split(self._norm.prox(torch.cat(multiplied), step), 1)
-            return
-        for each in multiplied:
-            yield each if self._norm is None else self._norm.prox(each, step)
+    def _step(self, channel: "_Channel", target: Tensor) -> Tensor:
+        """One iteration of a channel; its scene v."""
+        return channel.step(target, self._w(channel.a_w), self._penalties, self._relaxation)
+
+    def _targets(self) -> Iterator[tuple["_Channel", Tensor]]:
+        """Of every channel, μ₂Ψ*q_u on the frame; α times u is taken from its `a_u`."""
+        targets = [self._frame.zeros(channel.a_w) for channel in self._channels]
+        if self._varied:
+            shrink_differences_(
+                self._splits,
+                self._shrinkage,
+                kept=1.0,
+                added=-self._relaxation,
+                targets=[target[0] for target in targets],
+                penalty=self._penalties[1],
+            )
+        for channel in self._channels:
+            yield channel, targets.pop(0)
+
+    def _sums_of_u(
+        self, scenes: list[Tensor], before: list[Differences]
+    ) -> tuple[list[list[float]], float]:
+        """`_sums` of u for every channel, and R(v), mean over channels."""
+        if not self._varied:
+            return [[0.0] * 4 for _ in scenes], 0.0
+        framed = [self._frame.framed(scene)[0] for scene in scenes]
+        sums, variation = difference_sums(self._splits, before, framed, self._shrinkage)
+        return sums, variation / len(scenes)
+
+    @property
+    def _splits(self) -> list[Differences]:
+        return [channel.a_u for channel in self._channels]
+
+    @property
+    def _shrinkage(self) -> Shrinkage:
+        """The proximal map of u."""
+        step = self._tau / self._penalties[1]
+        if self._prior is Prior.COLOUR_TV:
+            norm = OpponentL1.of_scene(-4)
+            return Shrinkage(Coupling.COLOURS, step, (norm.mean, norm.colour, norm.colour))
+        isotropic = self._prior is Prior.ISOTROPIC_TV
+        return Shrinkage(Coupling.DIRECTIONS if isotropic else Coupling.NONE, step)
 
     def _w(self, multiplied: Tensor) -> Tensor:
         """Proximal map of non-negativity, and of the ℓ1 norm."""
         return (multiplied - self._l1 / self._penalties[2]).clamp_min_(0)
-
-    def _variation(self) -> float:
-        """R(v) of the differences, mean over channels."""
-        if self._norm is None:
-            return 0.0
-        varied = (each.varied(each.v) for each in self._channels)
-        if isinstance(self._norm, OpponentL1):
-            total = float(self._norm(torch.cat(list(varied))))
-        else:
-            total = sum(float(self._norm(each)) for each in varied)
-        return total / len(self._channels)
 
     def _go_on_with(self, penalties: Penalties) -> None:
         """Keep splits and multipliers μd with other penalties."""
@@ -161,46 +202,40 @@ class DataStep:
             before / after if after > 0 else 1.0
             for before, after in zip(self._penalties, penalties, strict=True)
         )
-        for each, u in zip(self._channels, self._u(self._multiplied), strict=True):
-            each.a_u = torch.lerp(u, each.a_u, second)
-            each.a_w = torch.lerp(self._w(each.a_w), each.a_w, third)
+        if self._varied:
+            shrink_differences_(self._splits, self._shrinkage, kept=second, added=1 - second)
+        for channel in self._channels:
+            channel.a_w.copy_(torch.lerp(self._w(channel.a_w), channel.a_w, third))
         self._penalties = penalties
-
-    def _step(self) -> None:
-        for each, u in zip(self._channels, self._u(self._multiplied), strict=True):
-            each.step(u, self._w(each.a_w), self._penalties, self._relaxation)
-
-    @property
-    def _multiplied(self) -> list[Tensor]:
-        """Of every channel, u with its multipliers."""
-        return [each.a_u for each in self._channels]
 
 
 class _Channel:
-    """One channel: its scene, and its splits with their multipliers."""
+    """One channel: its scene, and its splits with their multipliers.
 
-    def __init__(self, problem: Problem, split: SplitState) -> None:
-        self._problem = problem
-        self._frame = _Frame.of(problem)
-        self._difference = FiniteDifference(self._frame.size)
-        self._tv = problem.varied
-        self.a_w = self._frame.scene_of(split.scene)[None].clone()
-        self.a_u = self._frame.differences_of(split, varied=self._tv)
-        self._linear = LinearStep(problem, self.a_w, varied=self._tv)
+    Where the scene is the whole padded shape, the splits are the state's own memory.
+    """
+
+    def __init__(self, problem: Problem, split: SplitState, frame: "_Frame") -> None:
+        self._problem, self._frame = problem, frame
+        self.a_w = frame.scene_of(split.scene)[None]
+        self.a_u = frame.framed_of(split.rows), frame.framed_of(split.columns)
+        if not frame.whole:
+            self.a_w = self.a_w.clone()
+        self._linear = LinearStep(problem, self.a_w, varied=problem.varied)
 
     def measure(self, problem: Problem) -> None:
         """Go on with another measurement."""
         self._linear.measure(problem)
         self._problem = problem
 
-    @property
-    def v(self) -> Tensor:
-        """The scene of the linear step."""
-        return self._linear.v
-
-    @v.setter
-    def v(self, scene: Tensor) -> None:
+    def start(self, scene: Tensor) -> None:
+        """Have the linear step go on from a scene."""
         self._linear.v = scene
+
+    @property
+    def residual(self) -> Tensor:
+        """What counts of b − Av."""
+        return self._linear.residual
 
     def renew_residual(self) -> None:
         """Compute the residual anew, of which steps lose a little each."""
@@ -209,54 +244,27 @@ class _Channel:
     def write(self, split: SplitState) -> None:
         """Write the splits u and w with their multipliers, and x on the valid pixels."""
         top, left, height, width = split.sensor
-        light = self._problem.data[0] - self._linear.residual[0]
+        light = self._problem.data[0] - self.residual[0]
         split.measured[top : top + height, left : left + width] = light
+        if self._frame.whole:
+            return
         split.scene.zero_()
         self._frame.scene_of(split.scene).copy_(self.a_w[0])
-        if self._tv:
-            self._frame.write_differences_(split, self.a_u)
+        if self._problem.varied:
+            for array, part in zip((split.rows, split.columns), self.a_u, strict=True):
+                self._frame.write_(array, part)
 
-    def step(self, u: Tensor, w: Tensor, penalties: Penalties, relaxation: float) -> None:
-        """One iteration, from the proximal maps at `a_u` and `a_w`."""
-        _, second, third = penalties
-        target = (2 * w - self.a_w).mul_(third)
-        if self._tv:
-            target += self._varied_back(2 * u - self.a_u).mul_(second)
-        self._linear.solve(target, penalties)
-        self.a_w += (self.v - w).mul_(relaxation)
-        if self._tv:
-            self.a_u += (self.varied(self.v) - u).mul_(relaxation)
-
-    def varied(self, scene: Tensor) -> Tensor:
-        """Ψv of a scene, (1, 2, height, width)."""
-        return self._difference(self._frame.framed(scene))
-
-    def sums(
-        self,
-        splits: tuple[Tensor, Tensor],
-        u_before: tuple[Tensor, Tensor],
-        w_before: tuple[Tensor, Tensor],
-        variation: float,
-    ) -> PassSums:
-        """Sums of an iteration: splits after it; each before it, with its multipliers and alone."""
-        varied = self.varied(self.v) if self._tv else self.a_u
-        (u, w), (a_u, u_then), (a_w, w_then) = splits, u_before, w_before
-        return PassSums(
-            primal=(0.0, _squares(varied - u), _squares(self.v - w)),
-            split=(0.0, _squares(u), _squares(w)),
-            change=(0.0, _squares(u - u_then), _squares(w - w_then)),
-            multiplier_change=(
-                0.0,
-                _squares((self.a_u - u) - (a_u - u_then)),
-                _squares((self.a_w - w) - (a_w - w_then)),
-            ),
-            residual=_squares(self._problem.residual(self.v)),
-            variation=variation,
-            magnitude=float(self.v.abs().sum(dtype=torch.float64)),
-        )
-
-    def _varied_back(self, differences: Tensor) -> Tensor:
-        return self._frame.unframed(self._difference.adjoint(differences))
+    def step(self, target: Tensor, w: Tensor, penalties: Penalties, relaxation: float) -> Tensor:
+        """One iteration, with μ₂Ψ*q_u on the frame and the map w of `a_w`; the scene v."""
+        wanted = self._frame.unframed(target)
+        wanted.add_(2 * w - self.a_w, alpha=penalties[2])
+        self.a_w.sub_(w, alpha=relaxation)
+        self._linear.solve(wanted, penalties)
+        scene = self._linear.v
+        self.a_w.add_(scene, alpha=relaxation)
+        if self._problem.varied:
+            add_differences_(self.a_u, self._frame.framed(scene)[0], relaxation)
+        return scene
 
 
 @dataclass(frozen=True)
@@ -283,27 +291,34 @@ class _Frame:
         device = problem.data.device
         return cls(scene, size, first, rows.to(device)[:, None], columns.to(device))
 
+    @property
+    def whole(self) -> bool:
+        """Whether the scene is the whole padded shape."""
+        return self.first == (0, 0)
+
     def scene_of(self, array: Tensor) -> Tensor:
         """The scene's pixels of an array of the padded shape."""
         top, left, height, width = self.scene
         return array[..., top : top + height, left : left + width]
 
-    def differences_of(self, split: SplitState, *, varied: bool) -> Tensor:
-        """The split u, (1, 2, height, width) of the frame; nothing where there is none."""
-        if not varied:
-            return split.rows.new_empty(1, 2, 0, 0)
-        parts = [each[self.rows, self.columns] for each in (split.rows, split.columns)]
-        return torch.stack(parts)[None]
+    def framed_of(self, array: Tensor) -> Tensor:
+        """The frame's pixels of an array of the padded shape, which is itself where it is whole."""
+        return array if self.whole or not array.numel() else array[self.rows, self.columns]
 
-    def write_differences_(self, split: SplitState, values: Tensor) -> None:
-        """The inverse of `differences_of`; zero beside the frame."""
-        for array, each in zip((split.rows, split.columns), values[0], strict=True):
-            array.zero_()
-            array[self.rows, self.columns] = each
+    def write_(self, array: Tensor, values: Tensor) -> None:
+        """The inverse of `framed_of`; zero beside the frame."""
+        array.zero_()
+        array[self.rows, self.columns] = values
+
+    def zeros(self, like: Tensor) -> Tensor:
+        """Of the frame's size, (1, height, width)."""
+        return like.new_zeros((1, *self.size))
 
     def framed(self, scene: Tensor) -> Tensor:
-        """A scene on the frame."""
-        framed = scene.new_zeros((*scene.shape[:-2], *self.size))
+        """A scene on the frame, (1, height, width)."""
+        if self.whole:
+            return scene
+        framed = self.zeros(scene)
         self.unframed(framed).copy_(scene)
         return framed
 
@@ -311,6 +326,21 @@ class _Frame:
         """The scene's pixels of a frame; the adjoint of `framed`."""
         (top, left), (_, _, height, width) = self.first, self.scene
         return framed[..., top : top + height, left : left + width]
+
+
+def _sums(moved: Tensor, now: tuple[Tensor, Tensor], then: tuple[Tensor, Tensor]) -> _Sums:
+    """Of a split x = Kv with its multiplier a = x + d: the first four of `PassSums`.
+
+    Parameters
+    ----------
+    moved
+        Kv.
+    now, then
+        A and x after an iteration, and before.
+    """
+    (a, x), (a_then, x_then) = now, then
+    turned = (a - x).sub_(a_then - x_then)
+    return _squares(moved - x), _squares(x), _squares(x - x_then), _squares(turned)
 
 
 def _squares(values: Tensor) -> float:

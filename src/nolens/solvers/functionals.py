@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from nolens.errors import OptionError
+from nolens.kernels import OPPONENTS
 from nolens.operators import Crop, Diagonal, FiniteDifference, LinearOperator
 
 _PIXELS = 65_536
@@ -308,8 +309,6 @@ class OpponentL1(Functional):
 
     def __init__(self, axis: int, *, mean: float = 1.0, colour: float = 2.0) -> None:
         self.axis, self.mean, self.colour = axis, mean, colour
-        rows = torch.tensor([[1.0, 1, 1], [1, 0, -1], [1, -2, 1]], dtype=torch.float64)
-        self._matrix = rows / torch.linalg.vector_norm(rows, dim=1, keepdim=True)
 
     @classmethod
     def of_scene(cls, axis: int) -> Self:
@@ -319,7 +318,7 @@ class OpponentL1(Functional):
     def _value(self, v: Tensor) -> Tensor:
         total = v.new_zeros((), dtype=torch.float64)
         for part in self._parts(v):
-            sums = self._turned(part, self._matrix).abs_() * self._weights(v)
+            sums = self._turned(part, OPPONENTS).abs_() * self._weights(v)
             total += sums.sum().double()
         return total
 
@@ -328,8 +327,8 @@ class OpponentL1(Functional):
         out = torch.empty_like(v)
         most = step * self._weights(v)
         for part, shrunk in zip(self._parts(v), self._parts(out), strict=True):
-            opponents = self._turned(part, self._matrix)
-            shrunk.copy_(self._turned(opponents - opponents.clamp(-most, most), self._matrix.T))
+            opponents = self._turned(part, OPPONENTS)
+            shrunk.copy_(self._turned(opponents - opponents.clamp(-most, most), OPPONENTS.T))
         return out
 
     def _parts(self, v: Tensor) -> tuple[Tensor, ...]:

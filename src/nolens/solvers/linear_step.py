@@ -1,6 +1,7 @@
 """The linear step that has the measurement in it: preconditioned conjugate gradients."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -8,7 +9,7 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.kernels import irfft2, irfft2_window_, rfft2, rfft2_window
-from nolens.operators import CroppedConvolution, slow_cosines
+from nolens.operators import CroppedConvolution, slow_cosines, slow_waves
 from nolens.solvers.admm_state import Penalties
 from nolens.solvers.problem import Problem
 
@@ -50,20 +51,17 @@ class LinearStep:
         self._form: _Pixels = (_Spectrum if whole else _Pixels)(problem, varied=varied)
         self._circulant = _Circulant(problem)
         self._cosines = _Cosines(problem, self._form, varied=varied)
-        self._scene: Tensor | None = scene
         self._vector = self._form.vector(scene)
         self._residual: Tensor | None = None
 
     @property
     def v(self) -> Tensor:
-        """The scene, (1, height, width); it may share memory with the next."""
-        if self._scene is None:
-            self._scene = self._form.scene(self._vector)
-        return self._scene
+        """The scene, (1, height, width), which steps leave as it is; computed at every call."""
+        return self._form.scene(self._vector)
 
     @v.setter
     def v(self, scene: Tensor) -> None:
-        self._scene, self._vector = scene, self._form.vector(scene)
+        self._vector = self._form.vector(scene)
         self._residual = None
 
     @property
@@ -102,12 +100,11 @@ class LinearStep:
             + cosines.along(wanted)
             - cosines.along_prior(penalties, self._vector)
         )
-        v = self._vector + cosines.sum(amounts)
+        self._vector = v = self._vector + cosines.sum(amounts)
         residual -= cosines.image(amounts)
-        pull = wanted - form.prior(penalties, v)
-        direction = image = weighed = before = product = None
+        direction = image = before = product = None
         for _ in range(_INNER):
-            left = form.adjoint(residual).add_(pull)
+            left = form.adjoint(residual).add_(wanted).sub_(form.prior(penalties, v))
             ahead = form.filtered(left, inverse)
             missed = cosines.along(left) - cosines.along_prior(penalties, ahead)
             if cosines.pulls is None:
@@ -118,26 +115,22 @@ class LinearStep:
             else:
                 ahead += cosines.sum(matrix.solve(missed - cosines.pulls @ ahead.flatten()))
                 light = self._light(ahead)
-            part = form.prior(penalties, ahead)
             slope = form.dot(left, ahead)
-            if direction is None or image is None or weighed is None or before is None:
-                direction, image, weighed = ahead, light, part
+            if direction is None or image is None or before is None:
+                direction, image = ahead, light
             else:
                 assert product is not None
                 # Polak-Ribière: the preconditioner need not be exact.
                 turned = (slope - form.dot(before, ahead)) / product.clamp_min(_TINY)
                 turn = float(turned.clamp_min(0))
-                direction, image, weighed = (
-                    new.add_(old, alpha=turn)
-                    for new, old in ((ahead, direction), (light, image), (part, weighed))
+                direction, image = (
+                    new.add_(old, alpha=turn) for new, old in ((ahead, direction), (light, image))
                 )
             before, product = left, slope
-            bend = dot(image, image) + form.dot(direction, weighed)
+            bend = dot(image, image) + form.dot(direction, form.prior(penalties, direction))
             length = float(form.dot(left, direction) / bend.clamp_min(_TINY))
             v.add_(direction, alpha=length)
             residual.sub_(image, alpha=length)
-            pull.sub_(weighed, alpha=length)
-        self._vector, self._scene = v, None
 
     def _light(self, vector: Tensor) -> Tensor:
         """What counts of a vector's light on the sensor."""
@@ -185,6 +178,10 @@ class _Pixels:
         """Inner products with the products of rows and columns that `waves` made."""
         return rows @ vector[0] @ columns.T
 
+    def images(self, problem: Problem, light: Iterator[Tensor]) -> "_Images":
+        """Images of cosines, from their light on the sensor."""
+        return _Images(problem, light)
+
     def dot(self, x: Tensor, y: Tensor) -> Tensor:
         """Inner product of the scenes; float64."""
         return dot(x, y)
@@ -220,6 +217,84 @@ class _Pixels:
         return part
 
 
+class _Images:
+    """What counts of the light of cosines on the sensor.
+
+    Parameters
+    ----------
+    problem
+        That says what counts.
+    light
+        Of one after the other, (1, height, width).
+
+    Attributes
+    ----------
+    gram
+        Inner products of all pairs; float64.
+    """
+
+    def __init__(self, problem: Problem, light: Iterator[Tensor]) -> None:
+        self._problem = problem
+        self._images = torch.cat([problem.counted(each) for each in light])
+        self.gram = gram(self._images.flatten(1))
+
+    def pulls(self) -> Tensor | None:
+        """M*C* of each, (number, pixels), where the scene has fewer pixels than the sensor."""
+        if math.prod(self._problem.scene_shape[1:]) >= self._images[0].numel():
+            return None
+        forward = self._problem.forward
+        return torch.stack([forward.adjoint(each[None]).flatten() for each in self._images])
+
+    def along(self, image: Tensor) -> Tensor:
+        """Inner products with what counts of an image."""
+        return self._images.flatten(1) @ image.flatten()
+
+    def sum(self, amounts: Tensor) -> Tensor:
+        """So much of each, (1, height, width)."""
+        total: Tensor = (amounts @ self._images.flatten(1)).view_as(self._images[:1])
+        return total
+
+
+class _WaveImages(_Images):
+    """The same where the scene is the whole padded shape, as sums of products of `slow_waves`.
+
+    Of where cosines end no light reaches the sensor, so each is such a sum, without an error.
+    """
+
+    def __init__(self, problem: Problem, light: Iterator[Tensor]) -> None:
+        self._problem = problem
+        geometry = problem.forward.geometry
+        rows, columns = (
+            slow_waves(side, period).to(problem.data.device)
+            for side, period in zip(geometry.sensor[2:], geometry.padded, strict=True)
+        )
+        parts = torch.stack([rows @ each[0].double() @ columns.T for each in light])
+        self.gram = torch.stack([self._products(parts, each, rows, columns) for each in parts])
+        self._rows, self._columns, self._parts = (
+            each.to(problem.data) for each in (rows, columns, parts)
+        )
+
+    def _products(self, parts: Tensor, part: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+        """A row of the matrix of inner products."""
+        image = self._problem.counted((rows.T @ part @ columns)[None])[0]
+        products: Tensor = torch.tensordot(parts, rows @ image @ columns.T, dims=2)
+        return products
+
+    def pulls(self) -> None:
+        """None: the scene has more pixels than the sensor."""
+
+    def along(self, image: Tensor) -> Tensor:
+        """Inner products with what counts of an image."""
+        waves = self._rows @ image[0] @ self._columns.T
+        products: Tensor = torch.tensordot(self._parts, waves, dims=2)
+        return products
+
+    def sum(self, amounts: Tensor) -> Tensor:
+        """So much of each, (1, height, width)."""
+        waves = torch.tensordot(amounts, self._parts, dims=1)
+        return self._problem.counted((self._rows.T @ waves @ self._columns)[None])
+
+
 class _Spectrum(_Pixels):
     """Scenes that are the whole padded shape as vectors of their half spectra."""
 
@@ -247,6 +322,10 @@ class _Spectrum(_Pixels):
         weights = torch.full_like(columns.real[0], 2 / (height * width))
         weights[[0, -1]] /= 2
         return (rows.conj() @ vector[0] @ (weights * columns.conj()).T).real
+
+    def images(self, problem: Problem, light: Iterator[Tensor]) -> _Images:
+        """Images of cosines, from their light on the sensor."""
+        return _WaveImages(problem, light)
 
     def dot(self, x: Tensor, y: Tensor) -> Tensor:
         """Inner product of the scenes; float64."""
@@ -306,16 +385,12 @@ class _Circulant:
         power = problem.forward.power
         energy = irfft2(power.to(torch.complex64), self._geometry.padded)[0, 0, 0]
         self._data = power.mul_(_fraction_on_sensor(problem) / energy)
-        self._penalties: Penalties | None = None
-        self._inverse = self._data
 
     def inverse(self, penalties: Penalties) -> Tensor:
         """Half spectrum of its inverse with these penalties."""
-        if penalties != self._penalties:
-            _, second, third = self._penalties = penalties
-            rows, columns = self._steps
-            self._inverse = (second * (rows + columns) + self._data).add_(third).reciprocal_()
-        return self._inverse
+        _, second, third = penalties
+        rows, columns = self._steps
+        return (second * (rows + columns) + self._data).add_(third).reciprocal_()
 
     def noise_gain(self, penalties: Penalties, bands: int) -> Tensor:
         """See `LinearStep.noise_gain`."""
@@ -370,12 +445,8 @@ class _Cosines:
     def measure(self, problem: Problem) -> None:
         """See them by what counts of a measurement."""
         light = problem.forward.of_products(self._rows, self._columns)
-        self._images = torch.cat([problem.counted(each) for each in light])
-        self._gram = gram(self._images.flatten(1))
-        self.pulls: Tensor | None = None
-        if math.prod(problem.scene_shape[1:]) < self._images[0].numel():
-            pulls = [problem.forward.adjoint(each[None]).flatten() for each in self._images]
-            self.pulls = torch.stack(pulls)
+        self._images = self._form.images(problem, light)
+        self._gram, self.pulls = self._images.gram, self._images.pulls()
 
     def matrix(self, penalties: Penalties) -> "_Coarse":
         """The matrix in the space of the cosines."""
@@ -401,7 +472,7 @@ class _Cosines:
 
     def along_image(self, image: Tensor) -> Tensor:
         """Inner products of what counts of an image with what A makes of the cosines."""
-        return self._images.flatten(1) @ image.flatten()
+        return self._images.along(image)
 
     def sum(self, amounts: Tensor) -> Tensor:
         """The vector of so much of each."""
@@ -410,8 +481,7 @@ class _Cosines:
 
     def image(self, amounts: Tensor) -> Tensor:
         """What the sensor sees of that."""
-        image: Tensor = (amounts @ self._images.flatten(1)).view_as(self._images[:1])
-        return image
+        return self._images.sum(amounts)
 
 
 @dataclass(frozen=True)

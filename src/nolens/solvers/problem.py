@@ -6,6 +6,7 @@ from enum import StrEnum
 from functools import cached_property
 
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.camera import FieldPsf
@@ -14,6 +15,7 @@ from nolens.errors import DataError, OptionError
 from nolens.operators import (
     CroppedConvolution,
     FieldConvolution,
+    FiniteDifference,
     Geometry,
     LinearOperator,
     SlowLightRemoval,
@@ -363,13 +365,14 @@ class Problem:
 
     def regulariser(self, scene: Tensor) -> Tensor:
         """R(v) of the whole padded shape, so with the step to zero at a support's edge; float64."""
-        prior = self.regularising
-        if prior is None:
-            return scene.new_zeros((), dtype=torch.float64)
-        if self.prior is Prior.COLOUR_TV:
-            return prior(scene)
-        # One channel at a time: differences of all of them are the most that a run would hold.
-        return torch.stack([prior(channel) for channel in scene]).sum()
+        if self.prior in (Prior.L1, Prior.NONE):
+            prior = self.regularising
+            return scene.new_zeros((), dtype=torch.float64) if prior is None else prior(scene)
+        height, width = self._varied_shape
+        framed = nnf.pad(scene, (0, width - scene.shape[-1], 0, height - scene.shape[-2]))
+        # Some rows at a time: differences of all of them are the most that a run would hold.
+        bands = FiniteDifference((height, width)).bands(framed)
+        return torch.stack([self.norm_of_differences(each) for each in bands]).sum()
 
     @property
     def regularising(self) -> Functional | None:
@@ -378,12 +381,17 @@ class Problem:
             return None
         if self.prior is Prior.L1:
             return L1()
-        # Differences of the whole padded shape are zero further than a pixel from the scene.
-        scene, whole = self.forward.geometry.scene[2:], self.forward.geometry.padded
-        difference = padded_difference(
-            scene, tuple(min(n + 1, most) for n, most in zip(scene, whole, strict=True))
-        )
+        difference = padded_difference(self.scene_shape[1:], self._varied_shape)
         return self.norm_of_differences @ difference
+
+    @property
+    def _varied_shape(self) -> tuple[int, int]:
+        """(height, width) of differences: those of the whole padded shape are zero further than a
+        pixel from the scene.
+        """
+        scene, whole = self.forward.geometry.scene[2:], self.forward.geometry.padded
+        height, width = (min(n + 1, most) for n, most in zip(scene, whole, strict=True))
+        return height, width
 
     @property
     def norm_of_differences(self) -> Functional:

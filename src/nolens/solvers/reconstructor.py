@@ -12,6 +12,7 @@ from torch import Tensor
 from nolens.camera import FieldPsf, Measurement
 from nolens.errors import OptionError
 from nolens.operators import TRANSFER_BYTES, Geometry, PixelRectangle, mean_psf
+from nolens.process import release_memory
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
 from nolens.solvers.coarse import Coarse, stop_after_larger, stop_on_larger
@@ -611,21 +612,34 @@ class Reconstructor:
 
         `own` says whether its pixels are the measurement's.
         """
-        before, everywhere = list[dict[str, float]](), problem.forward.support is None
+        before = list[dict[str, float]]()
         if state.iteration == 0:
-            coarse = self._coarse(problem)
-            smaller = self.coarser(problem.forward.sensor, coarse.by)
-            largest = not smaller._photo_starts_coarse(coarse.problem)
-            stop = stop_on_larger(self.limits, everywhere=everywhere, largest=largest)
-            first = self._coarse_photograph(coarse, problem, stop, callback)
+            first = self._start_from_coarse(problem, state, callback)
             if first.stop_reason == "callback":
-                return coarse.finer_result(first, problem)
-            state.move(problem, coarse.finer(first.scene, problem) / problem.scale)
-            state.restart(data_step_start(problem, state, refines=True))
-            state.iteration, before = first.iterations, first.history
+                return first
+            before = first.history
+            del first  # Its scene.
+        release_memory()
+        everywhere = problem.forward.support is None
         stop = stop_after_larger(self.limits, everywhere=everywhere, own=own)
         result = replace(self, stop=stop)._admm(problem, state, callback)
         return replace(result, history=[*before, *result.history])
+
+    def _start_from_coarse(
+        self, problem: Problem, state: AdmmState, callback: Callback | None
+    ) -> Result:
+        """Have a state start from a photo on larger pixels; that photo, on the problem's."""
+        coarse, everywhere = self._coarse(problem), problem.forward.support is None
+        smaller = self.coarser(problem.forward.sensor, coarse.by)
+        largest = not smaller._photo_starts_coarse(coarse.problem)
+        stop = stop_on_larger(self.limits, everywhere=everywhere, largest=largest)
+        first = self._coarse_photograph(coarse, problem, stop, callback)
+        finer = coarse.finer_result(first, problem)
+        if first.stop_reason != "callback":
+            state.move(problem, finer.scene / problem.scale)
+            state.restart(data_step_start(problem, state, refines=True))
+            state.iteration = first.iterations
+        return finer
 
     def _admm(self, problem: Problem, state: AdmmState | None, callback: Callback | None) -> Result:
         stop = self.limits

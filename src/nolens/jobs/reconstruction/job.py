@@ -114,6 +114,8 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
     picture = setup.picture(result.scene)
     white = exposure_white(picture)  # An empty picture is an error before anything is written.
     interrupted = result.stop_reason == "callback"
+    if not interrupted:
+        state = None  # As large as all that follows.
     psf = tensor_of(reconstructor.psf, "PSF")
     run.warn(*picture_warnings(problem, result, psf, options.iterations))
     report = Report.of(

@@ -1,0 +1,225 @@
+r"""The split u = Ψv of differences, with its multipliers, of ADMM that fits in its linear step.
+
+With a = u + d, the split with its scaled multiplier, and the proximal map u = prox(a) of the
+variation, an iteration adds the pull of q = 2u − a to what the linear step solves for and moves
+a ← a + α(Ψv − u). Differences are those to the next pixel along each side, around the end.
+
+On the CPU each is one compiled pass over memory; elsewhere torch takes some rows at a time, as u of
+all of them would be the most that a run holds.
+"""
+
+import importlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+
+import torch
+from torch import Tensor
+
+Differences = tuple[Tensor, Tensor]
+"""One channel's a: that of differences down a column and that along a row, (height, width)."""
+
+OPPONENTS = torch.tensor([[1.0, 1, 1], [1, 0, -1], [1, -2, 1]], dtype=torch.float64)
+"""Opponent colours, of unit length: mean, red against blue, green against both."""
+OPPONENTS /= torch.linalg.vector_norm(OPPONENTS, dim=1, keepdim=True)
+
+_BAND = 4_000_000
+"""Pixels whose differences torch maps at once."""
+
+
+class Coupling(IntEnum):
+    """Which differences are shrunk together."""
+
+    NONE = 0
+    """Each by itself: anisotropic total variation."""
+    DIRECTIONS = 1
+    """Those of a pixel: isotropic."""
+    COLOURS = 2
+    """Of three channels, those of opponent colours, each by itself."""
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """The proximal map of a variation, and the variation.
+
+    Parameters
+    ----------
+    coupling
+        Which differences it takes together.
+    step
+        Of the map.
+    weights
+        Of the ℓ1 norms of `OPPONENTS`.
+    """
+
+    coupling: Coupling
+    step: float
+    weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def of(self, a: Tensor) -> Tensor:
+        """The map of (channels, 2, height, width)."""
+        if self.coupling is Coupling.DIRECTIONS:
+            length = torch.hypot(a[:, :1], a[:, 1:]).clamp_min_(self.step)
+            return a * (1 - self.step / length)
+        opponents = self._opponents(a)
+        most = self.step * self._weights(a)
+        return self._opponents(opponents - opponents.clamp(-most, most), back=True)
+
+    def variation(self, differences: Tensor) -> float:
+        """Of (channels, 2, height, width)."""
+        if self.coupling is Coupling.DIRECTIONS:
+            return float(torch.hypot(differences[:, 0], differences[:, 1]).sum(dtype=torch.float64))
+        sums = self._opponents(differences).abs_().mul_(self._weights(differences))
+        return float(sums.sum(dtype=torch.float64))
+
+    def _opponents(self, a: Tensor, *, back: bool = False) -> Tensor:
+        if self.coupling is Coupling.NONE:
+            return a
+        turned: Tensor = torch.tensordot((OPPONENTS.T if back else OPPONENTS).to(a), a, dims=1)
+        return turned
+
+    def _weights(self, a: Tensor) -> Tensor:
+        return a.new_tensor(self.weights if self.coupling is Coupling.COLOURS else [1.0])[
+            :, None, None, None
+        ]
+
+
+def shrink_differences_(
+    splits: list[Differences],
+    shrinkage: Shrinkage,
+    *,
+    kept: float,
+    added: float,
+    targets: list[Tensor] | None = None,
+    penalty: float = 0.0,
+) -> None:
+    """Make every a kept · a + added · u, and add penalty · Ψ*(2u − a) to targets.
+
+    Parameters
+    ----------
+    splits
+        Of every channel.
+    shrinkage
+        What u is.
+    kept, added
+        Factors of a and u.
+    targets
+        Of every channel, (height, width); None for none.
+    penalty
+        Of the split.
+    """
+    if _compiled(splits):
+        on_cpu = importlib.import_module("nolens.kernels.differences_numba")
+        on_cpu.shrink_differences_(splits, shrinkage, kept, added, targets, penalty)
+        return
+    for rows in _bands(splits[0][0]):
+        a = _some(splits, rows)
+        u = shrinkage.of(a)
+        if targets is not None:
+            for target, back in zip(targets, (2 * u - a).mul_(penalty), strict=True):
+                _add_back_(target, back, rows)
+        for split, parts in zip(splits, a.mul_(kept).add_(u, alpha=added), strict=True):
+            for array, values in zip(split, parts, strict=True):
+                array[rows] = values
+
+
+def add_differences_(split: Differences, scene: Tensor, factor: float) -> None:
+    """Add factor · Ψv to one channel's a.
+
+    Parameters
+    ----------
+    split
+        Of the channel.
+    scene
+        V, (height, width).
+    factor
+        α.
+    """
+    if _compiled([split]):
+        on_cpu = importlib.import_module("nolens.kernels.differences_numba")
+        on_cpu.add_differences_(split, scene, factor)
+        return
+    for rows in _bands(scene):
+        for array, values in zip(split, difference_rows(scene, rows), strict=True):
+            array[rows] += factor * values
+
+
+def difference_sums(
+    splits: list[Differences],
+    before: list[Differences],
+    scenes: list[Tensor],
+    shrinkage: Shrinkage,
+) -> tuple[list[list[float]], float]:
+    """Of every channel, Σ(Ψv − u)², Σu², Σ(u − u_before)² and Σ(d − d_before)²; and the variation.
+
+    Parameters
+    ----------
+    splits, before
+        A of every channel after an iteration and before it.
+    scenes
+        V of every channel, (height, width).
+    shrinkage
+        What u is; the variation is that of all Ψv together.
+    """
+    if _compiled(splits):
+        on_cpu = importlib.import_module("nolens.kernels.differences_numba")
+        found: tuple[list[list[float]], float] = on_cpu.difference_sums(
+            splits, before, scenes, shrinkage
+        )
+        return found
+    sums, variation = torch.zeros(len(splits), 4, dtype=torch.float64), 0.0
+    for rows in _bands(scenes[0]):
+        a, a_then = _some(splits, rows), _some(before, rows)
+        u, u_then = shrinkage.of(a), shrinkage.of(a_then)
+        varied = torch.stack([difference_rows(scene, rows) for scene in scenes])
+        turned = (a - u).sub_(a_then - u_then)
+        parts = [
+            each.square().sum(dim=(-3, -2, -1), dtype=torch.float64)
+            for each in (varied - u, u, u - u_then, turned)
+        ]
+        sums += torch.stack(parts, -1).cpu()
+        variation += shrinkage.variation(varied)
+    return sums.tolist(), variation
+
+
+def difference_rows(scene: Tensor, rows: slice) -> Tensor:
+    """Some rows of Ψv, (..., 2, rows, width).
+
+    Parameters
+    ----------
+    scene
+        (..., height, width).
+    rows
+        From one to another, without a step.
+    """
+    inside = scene[..., rows, :]
+    below = torch.cat([inside[..., 1:, :], scene[..., rows.stop % scene.shape[-2], None, :]], -2)
+    return torch.stack([below - inside, inside.roll(-1, -1) - inside], dim=-3)
+
+
+def _compiled(splits: list[Differences]) -> bool:
+    return all(
+        array.device.type == "cpu" and array.dtype == torch.float32 and array.is_contiguous()
+        for split in splits
+        for array in split
+    )
+
+
+def _bands(plane: Tensor) -> Iterator[slice]:
+    height, width = plane.shape
+    step = max(1, _BAND // width)
+    for first in range(0, height, step):
+        yield slice(first, min(first + step, height))
+
+
+def _some(splits: list[Differences], rows: slice) -> Tensor:
+    return torch.stack([torch.stack([array[rows] for array in split]) for split in splits])
+
+
+def _add_back_(target: Tensor, differences: Tensor, rows: slice) -> None:
+    """Add Ψ* of differences, (2, rows, width), that are zero on other rows."""
+    down, right = differences
+    inside = target[rows]
+    inside += (right.roll(1, -1) - right).sub_(down)
+    inside[1:] += down[:-1]
+    target[rows.stop % len(target)] += down[-1]
