@@ -24,10 +24,10 @@ def _way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr(differences, "_BAND", 1000)
 
 
-def draw(count: int, size: tuple[int, int]) -> tuple[list[differences.Differences], torch.Tensor]:
-    """Arrays of channels, and the same as one tensor in float64."""
-    splits = [(torch.randn(size), torch.randn(size)) for _ in range(count)]
-    return splits, torch.stack([torch.stack(split) for split in splits]).double()
+def draw(count: int, size: tuple[int, int]) -> tuple[torch.Tensor, torch.Tensor]:
+    """A of channels, and the same in float64."""
+    a = torch.randn(count, 2, *size)
+    return a, a.double()
 
 
 def close(left: torch.Tensor, right: torch.Tensor) -> None:
@@ -37,36 +37,34 @@ def close(left: torch.Tensor, right: torch.Tensor) -> None:
 @pytest.mark.parametrize("size", SIZES, ids=str)
 @pytest.mark.parametrize(("count", "functional", "shrinkage"), CASES.values(), ids=CASES)
 def test_map_and_pull(count, functional, shrinkage, size):
-    splits, a = draw(count, size)
-    targets = [torch.randn(size) for _ in range(count)]
+    (changed, a), targets = draw(count, size), torch.randn(count, *size)
     u = functional.prox(a, shrinkage.step)
-    pulled = 0.7 * FiniteDifference(size).H(2 * u - a) + torch.stack(targets).double()
+    pulled = 0.7 * FiniteDifference(size).H(2 * u - a) + targets.double()
     differences.shrink_differences_(
-        splits, shrinkage, kept=1.0, added=-1.5, targets=targets, penalty=0.7
+        changed, shrinkage, kept=1.0, added=-1.5, targets=targets, penalty=0.7
     )
-    close(torch.stack(targets), pulled)
-    close(torch.stack([torch.stack(split) for split in splits]), a - 1.5 * u)
+    close(targets, pulled)
+    close(changed, a - 1.5 * u)
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 @pytest.mark.parametrize(("count", "functional", "shrinkage"), CASES.values(), ids=CASES)
 def test_map_alone_and_sums(count, functional, shrinkage, size):
-    (splits, a), (before, a_then) = draw(count, size), draw(count, size)
-    scenes = [torch.randn(size) for _ in range(count)]
-    varied = FiniteDifference(size)(torch.stack(scenes).double())
+    (changed, a), (before, a_then) = draw(count, size), draw(count, size)
+    scenes = torch.randn(count, *size)
+    varied = FiniteDifference(size)(scenes.double())
     u, u_then = (functional.prox(each, shrinkage.step) for each in (a, a_then))
     parts = varied - u, u, u - u_then, (a - u) - (a_then - u_then)
-    expected = [each.square().sum(dim=(1, 2, 3)).tolist() for each in parts]
-    sums, variation = differences.difference_sums(splits, before, scenes, shrinkage)
-    for got, wanted in zip(sums, zip(*expected, strict=True), strict=True):
-        assert got == pytest.approx(wanted, rel=1e-4)
+    expected = torch.stack([each.square().sum(dim=(1, 2, 3)) for each in parts], -1)
+    sums, variation = differences.difference_sums(changed, before, scenes, shrinkage)
+    torch.testing.assert_close(torch.tensor(sums).double(), expected, rtol=1e-4, atol=0)
     assert variation == pytest.approx(float(functional(varied)), rel=1e-5)
-    differences.shrink_differences_(splits, shrinkage, kept=0.3, added=0.7)
-    close(torch.stack([torch.stack(split) for split in splits]), torch.lerp(u, a, 0.3))
+    differences.shrink_differences_(changed, shrinkage, kept=0.3, added=0.7)
+    close(changed, torch.lerp(u, a, 0.3))
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_add(size):
-    ((split,), a), scene = draw(1, size), torch.randn(size)
-    differences.add_differences_(split, scene, 1.5)
-    close(torch.stack(split), a[0] + 1.5 * FiniteDifference(size)(scene.double()))
+    (changed, a), scene = draw(1, size), torch.randn(size)
+    differences.add_differences_(changed[0], scene, 1.5)
+    close(changed[0], a[0] + 1.5 * FiniteDifference(size)(scene.double()))

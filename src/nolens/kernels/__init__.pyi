@@ -2,7 +2,6 @@ from .admm import PassSums, Repeater, SplitState, solve_normal_equation_, update
 from .differences import (
     OPPONENTS,
     Coupling,
-    Differences,
     Shrinkage,
     add_differences_,
     difference_rows,
@@ -28,7 +27,6 @@ from .transfer import LayerTransfer, apply_transfer_
 __all__ = [
     "OPPONENTS",
     "Coupling",
-    "Differences",
     "LayerTransfer",
     "PassSums",
     "Repeater",

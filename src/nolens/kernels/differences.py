@@ -16,9 +16,6 @@ from enum import IntEnum
 import torch
 from torch import Tensor
 
-Differences = tuple[Tensor, Tensor]
-"""One channel's a: that of differences down a column and that along a row, (height, width)."""
-
 OPPONENTS = torch.tensor([[1.0, 1, 1], [1, 0, -1], [1, -2, 1]], dtype=torch.float64)
 """Opponent colours, of unit length: mean, red against blue, green against both."""
 OPPONENTS /= torch.linalg.vector_norm(OPPONENTS, dim=1, keepdim=True)
@@ -85,94 +82,87 @@ class Shrinkage:
 
 
 def shrink_differences_(
-    splits: list[Differences],
+    a: Tensor,
     shrinkage: Shrinkage,
     *,
     kept: float,
     added: float,
-    targets: list[Tensor] | None = None,
+    targets: Tensor | None = None,
     penalty: float = 0.0,
 ) -> None:
-    """Make every a kept · a + added · u, and add penalty · Ψ*(2u − a) to targets.
+    """Make a kept · a + added · u, and add penalty · Ψ*(2u − a) to targets.
 
     Parameters
     ----------
-    splits
-        Of every channel.
+    a
+        (channels, 2, height, width).
     shrinkage
         What u is.
     kept, added
         Factors of a and u.
     targets
-        Of every channel, (height, width); None for none.
+        (channels, height, width); None for none.
     penalty
         Of the split.
     """
-    if _compiled(splits):
+    if _compiled(a):
         on_cpu = importlib.import_module("nolens.kernels.differences_numba")
-        on_cpu.shrink_differences_(splits, shrinkage, kept, added, targets, penalty)
+        on_cpu.shrink_differences_(a, shrinkage, kept, added, targets, penalty)
         return
-    for rows in _bands(splits[0][0]):
-        a = _some(splits, rows)
-        u = shrinkage.of(a)
+    for rows in _bands(a):
+        part = a[..., rows, :]
+        u = shrinkage.of(part)
         if targets is not None:
-            for target, back in zip(targets, (2 * u - a).mul_(penalty), strict=True):
-                _add_back_(target, back, rows)
-        for split, parts in zip(splits, a.mul_(kept).add_(u, alpha=added), strict=True):
-            for array, values in zip(split, parts, strict=True):
-                array[rows] = values
+            _add_back_(targets, (2 * u - part).mul_(penalty), rows)
+        part.mul_(kept).add_(u, alpha=added)
 
 
-def add_differences_(split: Differences, scene: Tensor, factor: float) -> None:
+def add_differences_(a: Tensor, scene: Tensor, factor: float) -> None:
     """Add factor · Ψv to one channel's a.
 
     Parameters
     ----------
-    split
-        Of the channel.
+    a
+        (2, height, width).
     scene
         V, (height, width).
     factor
         α.
     """
-    if _compiled([split]):
+    if _compiled(a):
         on_cpu = importlib.import_module("nolens.kernels.differences_numba")
-        on_cpu.add_differences_(split, scene, factor)
+        on_cpu.add_differences_(a, scene, factor)
         return
-    for rows in _bands(scene):
-        for array, values in zip(split, difference_rows(scene, rows), strict=True):
-            array[rows] += factor * values
+    for rows in _bands(a):
+        a[:, rows] += factor * difference_rows(scene, rows)
 
 
 def difference_sums(
-    splits: list[Differences],
-    before: list[Differences],
-    scenes: list[Tensor],
-    shrinkage: Shrinkage,
+    a: Tensor, before: Tensor, scenes: Tensor, shrinkage: Shrinkage
 ) -> tuple[list[list[float]], float]:
     """Of every channel, Σ(Ψv − u)², Σu², Σ(u − u_before)² and Σ(d − d_before)²; and the variation.
 
     Parameters
     ----------
-    splits, before
-        A of every channel after an iteration and before it.
+    a, before
+        (channels, 2, height, width), after an iteration and before it.
     scenes
-        V of every channel, (height, width).
+        V, (channels, height, width).
     shrinkage
         What u is; the variation is that of all Ψv together.
     """
-    if _compiled(splits):
+    if _compiled(a):
         on_cpu = importlib.import_module("nolens.kernels.differences_numba")
-        found: tuple[list[list[float]], float] = on_cpu.difference_sums(
-            splits, before, scenes, shrinkage
+        compiled: tuple[list[list[float]], float] = on_cpu.difference_sums(
+            a, before, scenes, shrinkage
         )
-        return found
-    sums, variation = torch.zeros(len(splits), 4, dtype=torch.float64), 0.0
-    for rows in _bands(scenes[0]):
-        a, a_then = _some(splits, rows), _some(before, rows)
-        u, u_then = shrinkage.of(a), shrinkage.of(a_then)
-        varied = torch.stack([difference_rows(scene, rows) for scene in scenes])
-        turned = (a - u).sub_(a_then - u_then)
+        return compiled
+    sums, variation = torch.zeros(len(a), 4, dtype=torch.float64), 0.0
+    for rows in _bands(a):
+        now, then = a[..., rows, :], before[..., rows, :]
+        u, u_then = shrinkage.of(now), shrinkage.of(then)
+        varied = difference_rows(scenes, rows)
+        turned = (now - u).sub_(then - u_then)
         parts = [
             each.square().sum(dim=(-3, -2, -1), dtype=torch.float64)
             for each in (varied - u, u, u - u_then, turned)
@@ -197,29 +187,21 @@ def difference_rows(scene: Tensor, rows: slice) -> Tensor:
     return torch.stack([below - inside, inside.roll(-1, -1) - inside], dim=-3)
 
 
-def _compiled(splits: list[Differences]) -> bool:
-    return all(
-        array.device.type == "cpu" and array.dtype == torch.float32 and array.is_contiguous()
-        for split in splits
-        for array in split
-    )
+def _compiled(a: Tensor) -> bool:
+    return a.device.type == "cpu" and a.dtype == torch.float32 and a.is_contiguous()
 
 
-def _bands(plane: Tensor) -> Iterator[slice]:
-    height, width = plane.shape
+def _bands(a: Tensor) -> Iterator[slice]:
+    height, width = a.shape[-2:]
     step = max(1, _BAND // width)
     for first in range(0, height, step):
         yield slice(first, min(first + step, height))
 
 
-def _some(splits: list[Differences], rows: slice) -> Tensor:
-    return torch.stack([torch.stack([array[rows] for array in split]) for split in splits])
-
-
-def _add_back_(target: Tensor, differences: Tensor, rows: slice) -> None:
-    """Add Ψ* of differences, (2, rows, width), that are zero on other rows."""
-    down, right = differences
-    inside = target[rows]
+def _add_back_(targets: Tensor, differences: Tensor, rows: slice) -> None:
+    """Add Ψ* of differences, (channels, 2, rows, width), that are zero on other rows."""
+    down, right = differences.unbind(1)
+    inside = targets[:, rows]
     inside += (right.roll(1, -1) - right).sub_(down)
-    inside[1:] += down[:-1]
-    target[rows.stop % len(target)] += down[-1]
+    inside[:, 1:] += down[:, :-1]
+    targets[:, rows.stop % targets.shape[1]] += down[:, -1]

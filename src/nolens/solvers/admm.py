@@ -123,7 +123,7 @@ class DataStepRun:
         if balance is not None and not state.fills_view:
             balance = balance.in_the_dark
         self._balance = balance
-        self._step: DataStep | None = DataStep(problem, state.splits, state.penalties, relaxation)
+        self._step: DataStep | None = DataStep(problem, state, relaxation)
 
     def measure(self, problem: Problem, penalties: Penalties) -> None:
         """Go on with another measurement, as `AdmmRun.measure`."""
@@ -141,7 +141,7 @@ class DataStepRun:
         count = min(CHECK_EVERY - state.iteration % CHECK_EVERY, limit - state.iteration)
         state.sums = self._step.iterate(count, state.penalties)
         state.iteration += count
-        self._step.write(state.splits)
+        self._step.write(state)
         return _progress(self._problem, state)
 
     def end(self) -> None:

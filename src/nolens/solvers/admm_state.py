@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import torch
 from torch import Tensor
@@ -22,7 +22,7 @@ CHECK_EVERY = 4
 _START: Penalties = (0.02, 2.0, 1.0)
 
 _ARRAYS = ("measured", "rows", "columns", "scene")
-_SUMS = tuple(field.name for field in fields(PassSums))
+_SUMS = tuple(each.name for each in fields(PassSums))
 _SUM_COUNT = 15
 """Numbers of one `PassSums`."""
 _SMALLEST = 1e-15
@@ -114,6 +114,8 @@ class AdmmState:
         How many were done.
     fills_view
         Whether a uniform scene explains most of the measurement.
+    differences
+        Memory of the splits' rows and columns, (channels, 2, height, width).
     """
 
     splits: list[SplitState]
@@ -121,6 +123,7 @@ class AdmmState:
     sums: list[PassSums]
     iteration: int = 0
     fills_view: bool = False
+    differences: Tensor = field(default_factory=lambda: torch.empty(0, 2, 0, 0), repr=False)
 
     @classmethod
     def cold(cls, problem: Problem, penalties: Penalties | None = None) -> "AdmmState":
@@ -148,13 +151,18 @@ class AdmmState:
     def _at(
         cls, problem: Problem, scenes: list[Tensor], penalties: Penalties, levels: list[float]
     ) -> "AdmmState":
-        geometry = problem.forward.geometry
+        padded = problem.forward.geometry.padded
+        shape = (problem.channels, 2, *(padded if problem.varied else (0, 0)))
+        differences = problem.data.new_empty(shape)
         splits = []
         for channel, each in enumerate(scenes):
             scene = problem.forward.embed(each)
-            measured = irfft2(rfft2(scene) * problem.transfer(channel), geometry.padded)
-            splits.append(_split(problem, channel, measured, scene))
-        return cls(splits, _of_splits(penalties, splits), [], fills_view=min(levels) > 0)
+            measured = irfft2(rfft2(scene) * problem.transfer(channel), padded)
+            if problem.varied:
+                differences[channel] = FiniteDifference(padded)(scene)
+            splits.append(_split(problem, channel, measured, scene, differences[channel]))
+        penalties = _of_splits(penalties, splits)
+        return cls(splits, penalties, [], fills_view=min(levels) > 0, differences=differences)
 
     def move(self, problem: Problem, scene: Tensor) -> None:
         """Start from another scene of the same problem, as `at` does.
@@ -164,8 +172,10 @@ class AdmmState:
         problem, scene
             As `at` takes them.
         """
-        self.splits = []  # Two of them at once would be half as much memory again.
-        self.splits = AdmmState.at(problem, scene, self.penalties).splits
+        # Two of them at once would be half as much memory again.
+        self.splits, self.differences = [], self.differences.new_empty(0, 2, 0, 0)
+        moved = AdmmState.at(problem, scene, self.penalties)
+        self.splits, self.differences = moved.splits, moved.differences
 
     def restart(self, penalties: Penalties) -> None:
         """Start with other penalties; the multipliers are still zero."""
@@ -303,22 +313,22 @@ def _size(array: Tensor) -> str:
     return "×".join(str(n) for n in array.shape)
 
 
-def _split(problem: Problem, channel: int, measured: Tensor, scene: Tensor) -> SplitState:
+def _split(
+    problem: Problem, channel: int, measured: Tensor, scene: Tensor, differences: Tensor
+) -> SplitState:
     geometry = problem.forward.geometry
-    tv = problem.tau if problem.varied else 0.0
-    gradient = FiniteDifference(geometry.padded)(scene) if tv > 0 else scene.new_empty(2, 0, 0)
     data, valid = _measurement(problem, channel)
     return SplitState(
         data=data,
         valid=valid,
         sensor=geometry.sensor,
         support=geometry.scene,
-        tv=tv,
+        tv=problem.tau if problem.varied else 0.0,
         isotropic=problem.prior is Prior.ISOTROPIC_TV,
         l1=problem.tau if problem.prior is Prior.L1 else 0.0,
         measured=in_large_pages(measured),
-        rows=in_large_pages(gradient[0]),
-        columns=in_large_pages(gradient[1]),
+        rows=differences[0],
+        columns=differences[1],
         scene=in_large_pages(scene),
     )
 

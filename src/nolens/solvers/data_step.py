@@ -1,7 +1,6 @@
 """ADMM that fits the measurement in its linear step, by preconditioned conjugate gradients."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -9,7 +8,6 @@ from torch import Tensor
 
 from nolens.kernels import (
     Coupling,
-    Differences,
     PassSums,
     Shrinkage,
     SplitState,
@@ -82,30 +80,22 @@ class DataStep:
     ----------
     problem
         In normalised units.
-    splits
-        Of every channel, where to start from; `write` brings them up to date, the split x where
-        the sensor is.
-    penalties
-        Of the splits.
+    state
+        Where to start from; `write` brings it up to date, the split x where the sensor is.
     relaxation
         α in (0, 2).
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        splits: list[SplitState],
-        penalties: Penalties,
-        relaxation: float,
-    ) -> None:
-        self._penalties, self._relaxation = penalties, relaxation
+    def __init__(self, problem: Problem, state: AdmmState, relaxation: float) -> None:
+        self._penalties, self._relaxation = state.penalties, relaxation
         self._prior, self._varied = problem.prior, problem.varied
         self._tau = problem.tau
         self._l1 = problem.tau if problem.prior is Prior.L1 else 0.0
         self._frame = _Frame.of(problem)
+        self._a_u = self._frame.framed_of(state.differences)
         self._channels = [
-            _Channel(problem.single(number), split, self._frame)
-            for number, split in enumerate(splits)
+            _Channel(problem.single(number), split, a_u, self._frame)
+            for number, (split, a_u) in enumerate(zip(state.splits, self._a_u, strict=True))
         ]
         for channel in self._channels:
             channel.start(self._w(channel.a_w))
@@ -121,16 +111,15 @@ class DataStep:
         """Make so many iterations with these penalties; the sums of every channel's last."""
         self._go_on_with(penalties)
         for _ in range(count - 1):
-            for each, target in self._targets():
+            for each, target in zip(self._channels, self._targets(), strict=True):
                 self._step(each, target)
-        before = [(down.clone(), right.clone()) for down, right in self._splits]
-        scenes, of_w = list[Tensor](), list[_Sums]()
-        for each, target in self._targets():
+        before, of_w = self._a_u.clone(), list[_Sums]()
+        scenes = self._targets()  # What the linear step solves for, and after it its solution.
+        for each, plane in zip(self._channels, scenes, strict=True):
             a_w = each.a_w.clone()
-            scene = self._step(each, target)
+            scene = self._step(each, plane)
             now, then = (each.a_w, self._w(each.a_w)), (a_w, self._w(a_w))
             of_w.append(_sums(scene, now, then))
-            scenes.append(scene)
             each.renew_residual()
         of_u, variation = self._sums_of_u(scenes, before)
         sums = []
@@ -142,43 +131,37 @@ class DataStep:
             )
         return sums
 
-    def write(self, splits: list[SplitState]) -> None:
+    def write(self, state: AdmmState) -> None:
         """Write the splits u and w with their multipliers, and x on the valid pixels."""
-        for channel, split in zip(self._channels, splits, strict=True):
+        for channel, split in zip(self._channels, state.splits, strict=True):
             channel.write(split)
+        if self._varied and not self._frame.whole:
+            self._frame.write_(state.differences, self._a_u)
 
     def _step(self, channel: "_Channel", target: Tensor) -> Tensor:
         """One iteration of a channel; its scene v."""
         return channel.step(target, self._w(channel.a_w), self._penalties, self._relaxation)
 
-    def _targets(self) -> Iterator[tuple["_Channel", Tensor]]:
-        """Of every channel, μ₂Ψ*q_u on the frame; α times u is taken from its `a_u`."""
-        targets = [self._frame.zeros(channel.a_w) for channel in self._channels]
+    def _targets(self) -> Tensor:
+        """μ₂Ψ*q_u on the frame, (channels, height, width); α times u is taken from a."""
+        targets = self._frame.zeros(self._a_u, len(self._channels))
         if self._varied:
             shrink_differences_(
-                self._splits,
+                self._a_u,
                 self._shrinkage,
                 kept=1.0,
                 added=-self._relaxation,
-                targets=[target[0] for target in targets],
+                targets=targets,
                 penalty=self._penalties[1],
             )
-        for channel in self._channels:
-            yield channel, targets.pop(0)
+        return targets
 
-    def _sums_of_u(
-        self, scenes: list[Tensor], before: list[Differences]
-    ) -> tuple[list[list[float]], float]:
-        """`_sums` of u for every channel, and R(v), mean over channels."""
+    def _sums_of_u(self, scenes: Tensor, before: Tensor) -> tuple[list[list[float]], float]:
+        """`_sums` of u for every channel, and R(v), mean over channels; of scenes on the frame."""
         if not self._varied:
             return [[0.0] * 4 for _ in scenes], 0.0
-        framed = [self._frame.framed(scene)[0] for scene in scenes]
-        sums, variation = difference_sums(self._splits, before, framed, self._shrinkage)
+        sums, variation = difference_sums(self._a_u, before, scenes, self._shrinkage)
         return sums, variation / len(scenes)
-
-    @property
-    def _splits(self) -> list[Differences]:
-        return [channel.a_u for channel in self._channels]
 
     @property
     def _shrinkage(self) -> Shrinkage:
@@ -203,7 +186,7 @@ class DataStep:
             for before, after in zip(self._penalties, penalties, strict=True)
         )
         if self._varied:
-            shrink_differences_(self._splits, self._shrinkage, kept=second, added=1 - second)
+            shrink_differences_(self._a_u, self._shrinkage, kept=second, added=1 - second)
         for channel in self._channels:
             channel.a_w.copy_(torch.lerp(self._w(channel.a_w), channel.a_w, third))
         self._penalties = penalties
@@ -212,13 +195,12 @@ class DataStep:
 class _Channel:
     """One channel: its scene, and its splits with their multipliers.
 
-    Where the scene is the whole padded shape, the splits are the state's own memory.
+    Where the scene is the whole padded shape, these are the state's own memory.
     """
 
-    def __init__(self, problem: Problem, split: SplitState, frame: "_Frame") -> None:
-        self._problem, self._frame = problem, frame
+    def __init__(self, problem: Problem, split: SplitState, a_u: Tensor, frame: "_Frame") -> None:
+        self._problem, self._a_u, self._frame = problem, a_u, frame
         self.a_w = frame.scene_of(split.scene)[None]
-        self.a_u = frame.framed_of(split.rows), frame.framed_of(split.columns)
         if not frame.whole:
             self.a_w = self.a_w.clone()
         self._linear = LinearStep(problem, self.a_w, varied=problem.varied)
@@ -246,24 +228,21 @@ class _Channel:
         top, left, height, width = split.sensor
         light = self._problem.data[0] - self.residual[0]
         split.measured[top : top + height, left : left + width] = light
-        if self._frame.whole:
-            return
-        split.scene.zero_()
-        self._frame.scene_of(split.scene).copy_(self.a_w[0])
-        if self._problem.varied:
-            for array, part in zip((split.rows, split.columns), self.a_u, strict=True):
-                self._frame.write_(array, part)
+        if not self._frame.whole:
+            split.scene.zero_()
+            self._frame.scene_of(split.scene).copy_(self.a_w[0])
 
     def step(self, target: Tensor, w: Tensor, penalties: Penalties, relaxation: float) -> Tensor:
-        """One iteration, with μ₂Ψ*q_u on the frame and the map w of `a_w`; the scene v."""
-        wanted = self._frame.unframed(target)
+        """One iteration, from μ₂Ψ*q_u on the frame and w; v, which is on the frame then, too."""
+        wanted = self._frame.unframed(target)[None]
         wanted.add_(2 * w - self.a_w, alpha=penalties[2])
         self.a_w.sub_(w, alpha=relaxation)
         self._linear.solve(wanted, penalties)
         scene = self._linear.v
         self.a_w.add_(scene, alpha=relaxation)
+        self._frame.put_(target, scene)
         if self._problem.varied:
-            add_differences_(self.a_u, self._frame.framed(scene)[0], relaxation)
+            add_differences_(self._a_u, target, relaxation)
         return scene
 
 
@@ -303,27 +282,25 @@ class _Frame:
 
     def framed_of(self, array: Tensor) -> Tensor:
         """The frame's pixels of an array of the padded shape, which is itself where it is whole."""
-        return array if self.whole or not array.numel() else array[self.rows, self.columns]
+        return array if self.whole or not array.numel() else array[..., self.rows, self.columns]
 
     def write_(self, array: Tensor, values: Tensor) -> None:
         """The inverse of `framed_of`; zero beside the frame."""
         array.zero_()
-        array[self.rows, self.columns] = values
+        array[..., self.rows, self.columns] = values
 
-    def zeros(self, like: Tensor) -> Tensor:
-        """Of the frame's size, (1, height, width)."""
-        return like.new_zeros((1, *self.size))
+    def zeros(self, like: Tensor, channels: int) -> Tensor:
+        """Of the frame's size, (channels, height, width)."""
+        return like.new_zeros((channels, *self.size))
 
-    def framed(self, scene: Tensor) -> Tensor:
-        """A scene on the frame, (1, height, width)."""
-        if self.whole:
-            return scene
-        framed = self.zeros(scene)
-        self.unframed(framed).copy_(scene)
-        return framed
+    def put_(self, framed: Tensor, scene: Tensor) -> None:
+        """Write a scene onto a frame, with zero beside it."""
+        if not self.whole:
+            framed.zero_()
+        self.unframed(framed).copy_(scene[0])
 
     def unframed(self, framed: Tensor) -> Tensor:
-        """The scene's pixels of a frame; the adjoint of `framed`."""
+        """The scene's pixels of a frame."""
         (top, left), (_, _, height, width) = self.first, self.scene
         return framed[..., top : top + height, left : left + width]
 
