@@ -79,12 +79,12 @@ def cluster() -> Iterator["LocalCluster"]:
 def pytest_xdist_auto_num_workers() -> int:
     """One for each core that is ours, as far as the memory goes: each grows to 1.6 GB.
 
-    And two more: tests of pages and of what is killed wait for other processes half of the time.
+    And one more: tests of pages and of what is killed wait for other processes half of the time.
     """
     memory = psutil.virtual_memory().available // 2_500_000_000
     ours = getattr(os, "sched_getaffinity", None)
     cores = len(ours(0)) if ours else os.cpu_count() or 1
-    return max(1, min(cores + 2, memory))
+    return max(1, min(cores + 1, memory))
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

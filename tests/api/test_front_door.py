@@ -247,11 +247,11 @@ def test_psf_is_measured(psf: nl.Psf) -> None:
 def test_resolution_is_that_of_the_command(camera: nl.Camera, tmp_path: Path) -> None:
     """Of a simulated camera, and of the picture that the simulation gave."""
     options = SiemensOptions.gather(
-        {"simulate": "small", "angle": "11deg", "spokes": 18, "iterations": 40, "light": "535nm"}
+        {"simulate": "small", "angle": "11deg", "spokes": 18, "iterations": 16, "light": "535nm"}
     )
     theirs = measure_siemens(options, Reporter())
     resolution = nl.measure_resolution(
-        camera, "siemens", angle="11deg", spokes=18, iterations=40, light="535nm"
+        camera, "siemens", angle="11deg", spokes=18, iterations=16, light="535nm"
     )
     assert resolution.resolved_deg == theirs.value.resolved_everywhere_deg
     assert resolution.figures.keys() <= theirs.summary.keys()

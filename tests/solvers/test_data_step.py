@@ -53,7 +53,7 @@ def test_reaches_the_minimum(case):
     lowest = [r.minimum() for r in references]
     objective = np.mean([r.objective(w) for r, w in zip(references, lowest, strict=True)])
     scenes = np.array([r.scene(w) * r.scale for r, w in zip(references, lowest, strict=True)])
-    result = admm(posed.problem, iterations=1000, tolerance=1e-5, low_frequency=True)
+    result = admm(posed.problem, iterations=300, tolerance=1e-5, low_frequency=True)
     assert result.objective == pytest.approx(objective, rel=1e-3, abs=2e-6)
     assert np.linalg.norm(result.scene.numpy() - scenes) <= 0.05 * np.linalg.norm(scenes)
 

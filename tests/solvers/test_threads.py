@@ -1,8 +1,8 @@
 """Results do not depend on how many threads compute them, but for rounding.
 
 Of a product of complex numbers torch computes most in vectors and the rest of each thread's part
-one by one, which rounds differently in the last bit: a thread more moves that rest. Forty
-iterations in float32 make up to 3e-6 of it.
+one by one, which rounds differently in the last bit: a thread more moves that rest. Twenty
+iterations in float32 make up to 2e-6 of it.
 """
 
 import pytest
@@ -27,11 +27,14 @@ def test_one_and_two_threads(name, prior, low_frequency):
     case = CASES[name]
     problem = pose(Case(**{**vars(case), "prior": prior})).problem
     pictures = []
+    # The scene is zero at first where sparse light meets the measurement in the linear step.
+    iterations = 80 if prior == "l1" and low_frequency else 20
     for threads in (1, 2):
         torch.set_num_threads(threads)
-        result = admm(problem, iterations=40, tolerance=0.0, low_frequency=low_frequency)
+        result = admm(problem, iterations=iterations, tolerance=0.0, low_frequency=low_frequency)
         pictures.append(result.scene)
     one, two = pictures
+    assert one.any()
     # Lengths of conjugate gradients are sums over all pixels, and their rounding counts.
     most = 3e-4 if low_frequency else 1e-5
     assert float(torch.linalg.vector_norm(one - two)) <= most * float(torch.linalg.vector_norm(one))
@@ -43,6 +46,6 @@ def test_fista_on_one_and_two_threads(prior):
     pictures = []
     for threads in (1, 2):
         torch.set_num_threads(threads)
-        pictures.append(fista(problem, iterations=40, tolerance=0.0).scene)
+        pictures.append(fista(problem, iterations=20, tolerance=0.0).scene)
     one, two = pictures
     assert float(torch.linalg.vector_norm(one - two)) <= 1e-5 * float(torch.linalg.vector_norm(one))
