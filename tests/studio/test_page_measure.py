@@ -18,7 +18,7 @@ from browser import Visit, await_text, needs_chromium
 from nolens.files import read_camera
 from nolens.optics import PointSource
 from nolens.twin import preview_model
-from patience import PATIENCE_S
+from patience import until
 
 pytestmark = needs_chromium
 
@@ -129,7 +129,8 @@ def test_an_edge_in_a_picture_is_measured(visit: Visit, studio_folder: Path) -> 
 
 def test_a_job_whose_process_dies_says_so_and_the_page_goes_on(visit: Visit) -> None:
     page = visit.show("measure")
-    assert visit.tell("live/stop", {}).ok  # Only the job's process works.
+    assert visit.tell("live/stop", {}).ok
+    rest(workers_of(visit.address))  # From now on the job's process works alone.
     card = page.locator("[data-measure=two-points]")
     card.get_by_label("Camera").select_option("paper")
     card.get_by_text("More", exact=True).click()
@@ -150,15 +151,31 @@ def await_enabled(card: Any) -> None:
     expect(card.get_by_role("button", name="Measure")).to_be_enabled()
 
 
+def worked_s(processes: list[psutil.Process]) -> list[float]:
+    """Seconds that they have computed for."""
+    return [sum(each.cpu_times()[:2]) for each in processes]
+
+
+def rest(processes: list[psutil.Process]) -> None:
+    """Wait until none has worked for a second: what was stopped may be at its last frame."""
+
+    def rested() -> bool:
+        before = sum(worked_s(processes))
+        time.sleep(1.0)
+        return sum(worked_s(processes)) < before + 0.1
+
+    until(rested, "processes of the studio that rest")
+
+
 def busiest(processes: list[psutil.Process]) -> psutil.Process:
     """The one that works, for half a second."""
-    before = [sum(each.cpu_times()[:2]) for each in processes]
-    grown, end = [0.0], time.monotonic() + PATIENCE_S
-    while max(grown) < 0.5 and time.monotonic() < end:
-        time.sleep(0.1)
-        after = [sum(each.cpu_times()[:2]) for each in processes]
-        grown = [now - was for now, was in zip(after, before, strict=True)]
-    return processes[grown.index(max(grown))]
+    before = worked_s(processes)
+
+    def working() -> list[psutil.Process]:
+        grown = zip(processes, worked_s(processes), before, strict=True)
+        return [each for each, now, was in grown if now - was >= 0.5]
+
+    return until(working, "a process of the studio that works")[0]
 
 
 def workers_of(address: str) -> list[psutil.Process]:
