@@ -1,8 +1,10 @@
 """Iterations in a row: as the plain loop has them, for every prior, and on CUDA as a graph."""
 
-import threading
+import os
+import signal
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -137,21 +139,47 @@ def test_what_fails_in_a_turn_is_raised(threads):
         take_turns(work, 3, 4)
 
 
-def test_what_fails_in_a_turn_ends_the_others():
-    """Ctrl-C is raised in the first thread; the second does not go on for the rest of a stretch."""
+def test_an_interrupt_ends_the_turns():
+    """Ctrl-C is raised in the first thread; the others do not go on for the rest of a stretch."""
     done: list[int] = []
-    first = threading.current_thread()
 
     def work(chain: int, number: int) -> None:
-        if threading.current_thread() is first:
-            raise KeyboardInterrupt
+        if (chain, number) == (1, 1):
+            os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.01)
         done.append(number)
 
     torch.set_num_threads(2)
     with pytest.raises(KeyboardInterrupt):
-        take_turns(work, 2, 100)
-    assert len(done) <= 2
+        take_turns(work, 2, 300)
+    ended = len(done)
+    assert ended < 300
+    time.sleep(0.05)
+    assert len(done) == ended
+
+
+def test_torch_has_one_thread_in_turns_alone():
+    torch.set_num_threads(2)
+    seen: list[int] = []
+    take_turns(lambda chain, number: seen.append(torch.get_num_threads()), 3, 2)
+    assert seen == [1] * 6
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(torch.get_num_threads).result() == 2
+    assert torch.get_num_threads() == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_turns_after_a_fork():
+    """The child has none of the pool's threads."""
+    torch.set_num_threads(2)
+    take_turns(lambda chain, number: None, 3, 2)
+    child = os.fork()
+    if child == 0:
+        seen: list[int] = []
+        take_turns(lambda chain, number: seen.append(number), 3, 2)
+        os._exit(0 if len(seen) == 6 else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 @on_cuda

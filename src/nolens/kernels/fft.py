@@ -1,14 +1,14 @@
-"""Two-dimensional transforms: scipy (or ducc0, where installed) on the CPU, torch on CUDA.
+"""Two-dimensional transforms: torch's, and scipy's (or ducc0's) where they are faster.
 
-torch's own CPU transforms take 1.6 to 2 times as long as scipy's at the sizes of a sensor,
-so tensors on the CPU are handed to scipy without a copy. Of real fields of which a window matters,
-and the rest is zero or not needed, rows outside the window are not transformed: half of all, for a
-sensor in a padded shape of twice its size.
+On the CPU, torch's are those of Intel's MKL on x86: they use all of the processor's vectors and
+take half of scipy's time, but for columns of large planes, where they take twice as long and memory
+for another plane. Those, and all where torch has no MKL, are handed to scipy without a copy, or to
+ducc0 where that is installed (`docs/decisions/0001-admm-state-and-transforms.md`).
 """
 
 import importlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,10 @@ def _ducc() -> Any | None:
 Array = np.ndarray[Any, Any]
 
 _DUCC = _ducc()
+_MKL = bool(torch.backends.mkl.is_available())  # type: ignore[no-untyped-call]
 _AXES = (-2, -1)
+_PLANES_BY_MKL, _COLUMNS_BY_MKL = 2**22, 2**19
+"""Complex numbers in a plane up to which MKL is the faster, both ways at once and along columns."""
 
 Window = tuple[int, int, int, int]
 """top, left, height, width of a rectangle inside the padded shape"""
@@ -59,12 +62,12 @@ def fast_length(at_least: int, *, of_rows: bool) -> int:
 
 def fft2_(field: Tensor) -> Tensor:
     """Transform a complex field over its last two axes, reusing its memory where possible."""
-    return _complex(field, forward=True)
+    return _along(field, *_AXES, forward=True)
 
 
 def ifft2_(spectrum: Tensor) -> Tensor:
     """Inverse of `fft2_` (scaled by one over the number of pixels), reusing memory."""
-    return _complex(spectrum, forward=False)
+    return _along(spectrum, *_AXES, forward=False)
 
 
 def ifft2_window(
@@ -87,12 +90,12 @@ def ifft2_window(
     rows, columns = spectrum.shape
     if finer > 1:
         wide = spectrum.new_zeros((rows, finer * columns))
-        _place(wide, spectrum[:, : columns - columns // 2], 0, -1)
-        _place(wide, spectrum[:, columns - columns // 2 :], -(columns // 2), -1)
+        _place(wide, spectrum[:, : columns - columns // 2], (0, 0))
+        _place(wide, spectrum[:, columns - columns // 2 :], (0, -(columns // 2)))
         spectrum = wide.mul_(finer)
-    part = _inverse_(spectrum, -1)[:, left : left + width]
+    part = _along(spectrum, -1, forward=False)[:, left : left + width]
     if finer == 1:
-        field = _inverse_(part, -2)[top : top + height]
+        field = _along(part, -2, forward=False)[top : top + height]
         return _squared(field) if squared else field
     # Rows between those of the spectrum are those of the shifted field.
     turns = torch.fft.fftfreq(rows, 1 / (2 * math.pi), dtype=torch.float64)[:, None]
@@ -101,20 +104,17 @@ def ifft2_window(
         first, shift = divmod(top + number, finer)
         turn = torch.polar(torch.ones_like(turns), turns * (shift / finer)).to(part)
         needed = out[number::finer]
-        field = _inverse_(part * turn, -2)[first : first + len(needed)]
+        field = _along(part * turn, -2, forward=False)[first : first + len(needed)]
         needed.copy_(_squared(field) if squared else field)
     return out
 
 
 def rfft2(field: Tensor) -> Tensor:
     """Half spectrum of a real field over its last two axes."""
-    if field.device.type != "cpu":
+    if _is_torchs(field, _half(field.shape[-2:]), _PLANES_BY_MKL):
         spectrum: Tensor = torch.fft.rfft2(field)
         return spectrum
-    array = field.numpy()
-    if _DUCC is not None:
-        return torch.from_numpy(_DUCC.r2c(array, axes=_AXES, nthreads=threads_for(array.size)))
-    return torch.from_numpy(scipy.fft.rfft2(array, workers=threads_for(array.size)))
+    return _along(_rfft_rows(field), -2, forward=True)
 
 
 def irfft2(spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
@@ -122,18 +122,7 @@ def irfft2(spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
     if spectrum.device.type != "cpu":
         field: Tensor = torch.fft.irfft2(spectrum, s=shape)
         return field
-    array = spectrum.numpy()
-    if _DUCC is not None:
-        result = _DUCC.c2r(
-            array,
-            axes=_AXES,
-            lastsize=shape[1],
-            forward=False,
-            inorm=2,
-            nthreads=threads_for(array.size),
-        )
-        return torch.from_numpy(result)
-    return torch.from_numpy(scipy.fft.irfft2(array, s=shape, workers=threads_for(array.size)))
+    return _irfft_rows(_along(spectrum, -2, forward=False, in_place=False), shape[1])
 
 
 def rfft2_window(
@@ -143,6 +132,8 @@ def rfft2_window(
     out: Tensor | None = None,
 ) -> Tensor:
     """Half spectrum of a real field that is zero outside a window.
+
+    Where scipy transforms the columns, rows outside the window are not transformed.
 
     Parameters
     ----------
@@ -156,21 +147,20 @@ def rfft2_window(
         Where the spectrum goes; None takes new memory, which costs as much as the transform.
     """
     height, width = padded
+    if _is_torchs(inside, _half(padded), _PLANES_BY_MKL):
+        field = inside.new_zeros((*inside.shape[:-2], height, width))
+        _place(field, inside, corner)
+        spectrum: Tensor = torch.fft.rfft2(field)
+        return spectrum if out is None else out.copy_(spectrum)
     wide = inside.new_zeros((*inside.shape[:-1], width))
-    _place(wide, inside, corner[1], -1)
-    if inside.device.type != "cpu":
-        field = inside.new_zeros((*inside.shape[:-2], *padded))
-        _place(field, wide, corner[0], -2)
-        result: Tensor = torch.fft.rfft2(field)
-        return result if out is None else out.copy_(result)
-    lines = torch.from_numpy(_rfft_rows(wide.numpy()))
+    _place(wide, inside, (0, corner[1]))
+    lines = _rfft_rows(wide)
     spectrum = lines
     if out is not None or lines.shape[-2] < height or corner[0] % height:
         size = (*lines.shape[:-2], height, lines.shape[-1])
         spectrum = lines.new_zeros(size) if out is None else out.zero_()
-        _place(spectrum, lines, corner[0], -2)
-    _transform_(spectrum.numpy(), (-2,), forward=True)
-    return spectrum
+        _place(spectrum, lines, (corner[0], 0))
+    return _along(spectrum, -2, forward=True)
 
 
 def irfft2_window_(spectrum: Tensor, window: Window, padded: tuple[int, int]) -> Tensor:
@@ -189,9 +179,8 @@ def irfft2_window_(spectrum: Tensor, window: Window, padded: tuple[int, int]) ->
     if spectrum.device.type != "cpu":
         field: Tensor = torch.fft.irfft2(spectrum, s=padded)
         return field[..., top : top + height, left : left + width]
-    _transform_(spectrum.numpy(), (-2,), forward=False)
-    lines = _irfft_rows(spectrum[..., top : top + height, :].numpy(), padded[1])
-    return torch.from_numpy(lines)[..., left : left + width]
+    lines = _along(spectrum, -2, forward=False)[..., top : top + height, :]
+    return _irfft_rows(lines, padded[1])[..., left : left + width]
 
 
 def irfft2_windows_(
@@ -211,13 +200,9 @@ def irfft2_windows_(
         As `irfft2_window_` takes them.
     """
     top, left, height, width = window
-    lines = _inverse_(spectrum, -2)[..., top : top + height, :]
+    lines = _along(spectrum, -2, forward=False)[..., top : top + height, :]
     for each in factors:
-        if lines.device.type == "cpu":
-            field = torch.from_numpy(_irfft_rows((lines * each).numpy(), padded[1]))
-        else:
-            field = torch.fft.irfft(lines * each, n=padded[1])
-        yield field[..., left : left + width]
+        yield _irfft_rows(lines * each, padded[1])[..., left : left + width]
 
 
 def in_large_pages(tensor: Tensor) -> Tensor:
@@ -233,79 +218,94 @@ def in_large_pages(tensor: Tensor) -> Tensor:
     return torch.from_numpy(array)
 
 
-def _transform_(array: Array, axes: tuple[int, ...], *, forward: bool) -> None:
-    """Transform a complex array on the CPU over some of its axes, in place.
+def _squared(field: Tensor) -> Tensor:
+    return field.real.square().addcmul_(field.imag, field.imag)
+
+
+def _half(shape: Sequence[int]) -> int:
+    """Numbers in the half spectrum of a plane."""
+    height, width = shape
+    return height * (width // 2 + 1)
+
+
+def _is_torchs(field: Tensor, numbers: int, at_most: int) -> bool:
+    """Whether torch is the faster: on CUDA, and by MKL for so many numbers in a plane."""
+    return field.device.type != "cpu" or (_MKL and numbers <= at_most)
+
+
+def _along(field: Tensor, *axes: int, forward: bool, in_place: bool = True) -> Tensor:
+    """Transform of a complex field along its rows, its columns or both, or its inverse.
 
     Parameters
     ----------
-    array
+    field
         Of any strides.
     axes
         Over which.
     forward
         Whether it is the transform, or its inverse (scaled by one over the pixels of the axes).
+    in_place
+        Whether the field's memory may be used; it need not be.
     """
-    threads = threads_for(array.size)
+    at_most = _COLUMNS_BY_MKL if axes == (-2,) else _PLANES_BY_MKL
+    if _is_torchs(field, math.prod(field.shape[-2:]), at_most):
+        by_torch = torch.fft.fftn if forward else torch.fft.ifftn
+        transformed: Tensor = by_torch(field, dim=axes)
+        return transformed
+    array, threads = field.numpy(), threads_for(field.numel())
     if _DUCC is not None:
-        _DUCC.c2c(
-            array,
-            out=array,
-            axes=axes,
-            forward=forward,
-            inorm=0 if forward else 2,
-            nthreads=threads,
-        )
-        return
-    transform = scipy.fft.fftn if forward else scipy.fft.ifftn
-    result = transform(array, axes=axes, overwrite_x=True, workers=threads)
-    if not np.may_share_memory(result, array):
+        out = array if in_place else np.empty_like(array)
+        inorm = 0 if forward else 2
+        _DUCC.c2c(array, out=out, axes=axes, forward=forward, inorm=inorm, nthreads=threads)
+        return torch.from_numpy(out)
+    by_scipy = scipy.fft.fftn if forward else scipy.fft.ifftn
+    result = by_scipy(array, axes=axes, overwrite_x=in_place, workers=threads)
+    if in_place and not np.may_share_memory(result, array):
         array[...] = result
+        result = array
+    return torch.from_numpy(result)
 
 
-def _squared(field: Tensor) -> Tensor:
-    return field.real.square().addcmul_(field.imag, field.imag)
+def _rfft_rows(field: Tensor) -> Tensor:
+    """Half spectra of the rows of a real field on the CPU."""
+    if _MKL:
+        spectra: Tensor = torch.fft.rfft(field)
+        return spectra
+    array, threads = field.numpy(), threads_for(field.numel())
+    if _DUCC is not None:
+        return torch.from_numpy(_DUCC.r2c(array, axes=(-1,), nthreads=threads))
+    return torch.from_numpy(scipy.fft.rfft(array, workers=threads))
 
 
-def _inverse_(spectrum: Tensor, axis: int) -> Tensor:
-    """Inverse transform over one axis, in its memory where that is the processor's."""
-    if spectrum.device.type != "cpu":
-        field: Tensor = torch.fft.ifft(spectrum, dim=axis)
+def _irfft_rows(spectra: Tensor, width: int) -> Tensor:
+    """Real rows of `width` pixels from their half spectra."""
+    if spectra.device.type != "cpu" or _MKL:
+        field: Tensor = torch.fft.irfft(spectra, n=width)
         return field
-    _transform_(spectrum.numpy(), (axis,), forward=False)
-    return spectrum
-
-
-def _rfft_rows(array: Array) -> Array:
-    """Half spectra of the rows of a real array on the CPU."""
-    threads = threads_for(array.size)
+    array, threads = spectra.numpy(), threads_for(spectra.numel())
     if _DUCC is not None:
-        return np.asarray(_DUCC.r2c(array, axes=(-1,), nthreads=threads))
-    return np.asarray(scipy.fft.rfft(array, axis=-1, workers=threads))
-
-
-def _irfft_rows(spectra: Array, width: int) -> Array:
-    """Real rows of `width` pixels from their half spectra, on the CPU."""
-    threads = threads_for(spectra.size)
-    if _DUCC is not None:
-        return np.asarray(
-            _DUCC.c2r(spectra, axes=(-1,), lastsize=width, forward=False, inorm=2, nthreads=threads)
+        return torch.from_numpy(
+            _DUCC.c2r(array, axes=(-1,), lastsize=width, forward=False, inorm=2, nthreads=threads)
         )
-    return np.asarray(scipy.fft.irfft(spectra, n=width, axis=-1, workers=threads))
+    return torch.from_numpy(scipy.fft.irfft(array, n=width, workers=threads))
 
 
-def _complex(field: Tensor, *, forward: bool) -> Tensor:
-    if field.device.type != "cpu":
-        out: Tensor = torch.fft.fft2(field) if forward else torch.fft.ifft2(field)
-        return out
-    _transform_(field.numpy(), _AXES, forward=forward)
-    return field
+def _place(large: Tensor, small: Tensor, corner: tuple[int, int]) -> None:
+    """Put planes into others from a corner on, around their edges."""
+    rows, columns = (
+        _spans(start, count, length)
+        for start, count, length in zip(corner, small.shape[-2:], large.shape[-2:], strict=True)
+    )
+    for row, of_row in rows:
+        for column, of_column in columns:
+            large[..., row, column] = small[..., of_row, of_column]
 
 
-def _place(large: Tensor, small: Tensor, start: int, axis: int) -> None:
-    """Put one tensor into another along an axis, from a place on, around its end."""
-    length, count = large.shape[axis], small.shape[axis]
+def _spans(start: int, count: int, length: int) -> list[tuple[slice, slice]]:
+    """Where lines from a start on lie, around the end, and which of them."""
     start %= length
     first = min(count, length - start)
-    large.narrow(axis, start, first).copy_(small.narrow(axis, 0, first))
+    spans = [(slice(start, start + first), slice(0, first))]
     if first < count:
-        large.narrow(axis, 0, count - first).copy_(small.narrow(axis, first, count - first))
+        spans.append((slice(0, count - first), slice(first, count)))
+    return spans

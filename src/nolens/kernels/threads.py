@@ -2,13 +2,15 @@
 
 The compiled passes let go of Python's lock, so plain threads run them side by side. numba's own
 parallel loops are not used: they set the number of threads of the OpenMP runtime that torch
-shares, and their threads spin while another program has the core.
+shares, and their threads spin while another program has the core. The pool's threads stay, as what
+torch's libraries hold for a thread does.
 """
 
+import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 
 import torch
@@ -18,6 +20,11 @@ _PIXELS_PER_THREAD = 32768
 _BLOCKS_AT_MOST, _PIXELS_PER_BLOCK = 32, 8192
 
 _turn = threading.local()
+_pool_lock = threading.Lock()
+_pools = dict[int, ThreadPoolExecutor]()
+"""By their number of threads; the largest is used."""
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pools.clear)  # Its threads are not there.
 
 
 @contextmanager
@@ -55,11 +62,7 @@ def for_each_block(work: Callable[[int], None], blocks: int, pixels: int) -> Non
             work(block)
 
     # This thread works too; taking blocks by itself costs less than a pool's queue.
-    with ThreadPoolExecutor(threads - 1) as pool:
-        others = [pool.submit(take) for _ in range(threads - 1)]
-        take()
-    for each in others:
-        each.result()
+    _side_by_side(take, threads - 1, here=take)
 
 
 def take_turns(work: Callable[[int, int], None], chains: int, length: int) -> None:
@@ -92,11 +95,55 @@ def take_turns(work: Callable[[int, int], None], chains: int, length: int) -> No
         finally:
             _turn.taken = False
 
-    with ThreadPoolExecutor(threads - 1) as pool:
-        others = [pool.submit(take) for _ in range(threads - 1)]
-        take()
+    # Not in this thread, in which torch has threads of its own.
+    _side_by_side(take, threads, stop=broken.set)
+
+
+def _side_by_side(
+    work: Callable[[], None],
+    threads: int,
+    *,
+    here: Callable[[], None] = lambda: None,
+    stop: Callable[[], None] = lambda: None,
+) -> None:
+    """Call `work` in so many threads of a pool and something in this one, and wait for all.
+
+    Where this thread is interrupted, the others are told to stop.
+    """
+    pool = _pool(threads)
+    others = [pool.submit(work) for _ in range(threads)]
+    try:
+        here()
+        wait(others)
+    except BaseException:
+        stop()
+        wait(others)
+        raise
     for each in others:
         each.result()
+
+
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """At least so many threads, in each of which torch computes with no other's help."""
+    with _pool_lock:
+        largest = max(_pools, default=0)
+        if largest >= threads:
+            return _pools[largest]
+        ready = threading.Barrier(threads + 1)
+        pool = ThreadPoolExecutor(threads, "nolens", _compute_alone)
+        for _ in range(threads):
+            pool.submit(ready.wait)
+        before = torch.get_num_threads()
+        ready.wait()
+        torch.set_num_threads(before)  # Of threads to come, too.
+        _pools[threads] = pool
+        return pool
+
+
+def _compute_alone() -> None:
+    """Have torch use one thread in this one."""
+    torch.get_num_threads()  # A thread that has not asked takes the number of all when it does.
+    torch.set_num_threads(1)
 
 
 def _next_of(waiting: deque[tuple[int, int]]) -> tuple[int, int] | None:
