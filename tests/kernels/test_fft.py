@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from nolens.kernels import (
     fast_length,
+    fft,
     fft2_,
     ifft2_,
     ifft2_window,
@@ -16,6 +17,21 @@ from nolens.kernels import (
     rfft2,
     rfft2_window,
 )
+
+
+@pytest.fixture(autouse=True, params=["MKL", "MKL along rows", "scipy"], scope="module")
+def _library(request):
+    """As for small and for large planes where torch has MKL, and as where it has none."""
+    if request.param != "scipy" and not fft._MKL:
+        pytest.skip("torch has no MKL on this processor")
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "MKL along rows":
+            patch.setattr(fft, "_PLANES_BY_MKL", 0)
+            patch.setattr(fft, "_COLUMNS_BY_MKL", 0)
+        elif request.param == "scipy":
+            patch.setattr(fft, "_MKL", False)
+        yield
+
 
 SIZES = [(6, 8), (7, 9), (5, 6), (8, 7), (1, 5), (4, 1)]
 TOLERANCE = {

@@ -31,7 +31,7 @@ Array = np.ndarray[Any, Any]
 _DUCC = _ducc()
 _MKL = bool(torch.backends.mkl.is_available())  # type: ignore[no-untyped-call]
 _AXES = (-2, -1)
-_PLANES_BY_MKL, _COLUMNS_BY_MKL = 2**22, 2**19
+_PLANES_BY_MKL, _COLUMNS_BY_MKL = 2**21, 2**19
 """Complex numbers in a plane up to which MKL is the faster, both ways at once and along columns."""
 
 Window = tuple[int, int, int, int]
@@ -257,13 +257,14 @@ def _along(field: Tensor, *axes: int, forward: bool, in_place: bool = True) -> T
         out = array if in_place else np.empty_like(array)
         inorm = 0 if forward else 2
         _DUCC.c2c(array, out=out, axes=axes, forward=forward, inorm=inorm, nthreads=threads)
+    else:
+        by_scipy = scipy.fft.fftn if forward else scipy.fft.ifftn
+        out = by_scipy(array, axes=axes, overwrite_x=in_place, workers=threads)
+    if not in_place:
         return torch.from_numpy(out)
-    by_scipy = scipy.fft.fftn if forward else scipy.fft.ifftn
-    result = by_scipy(array, axes=axes, overwrite_x=in_place, workers=threads)
-    if in_place and not np.may_share_memory(result, array):
-        array[...] = result
-        result = array
-    return torch.from_numpy(result)
+    if not np.may_share_memory(out, array):
+        array[...] = out
+    return field
 
 
 def _rfft_rows(field: Tensor) -> Tensor:
