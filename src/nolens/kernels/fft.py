@@ -26,8 +26,6 @@ def _ducc() -> Any | None:
         return None
 
 
-Array = np.ndarray[Any, Any]
-
 _DUCC = _ducc()
 _MKL = bool(torch.backends.mkl.is_available())  # type: ignore[no-untyped-call]
 _AXES = (-2, -1)
