@@ -236,9 +236,10 @@ class Photograph {
     this.about = record ? await recordOf(record) : null;
     if (video) this.video.open(video, this.about ? mainFigures(this.about) : "", fileLinks(all));
     this.play(Boolean(video));
+    // Before the picture: who sees it and turns to its depths must not find the stack of the run before.
+    if (stack) await this.depths.open(all);
     await this.tone.open(picture, fileLinks(all), values);
     this.spectrum.open(cube ? values : null);
-    if (stack) await this.depths.open(all);
     await this.record.show(record ?? null, open);
     this.strip.renew(this.about?.result.sweep ?? [], folderOf(picture), picture);
   }
