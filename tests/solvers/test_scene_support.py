@@ -138,8 +138,14 @@ def test_edges_of_a_dim_sky() -> None:
     sky[:, 20:60] += 0.1
     sky[:, 30:50, 40:70] += 2
     support = PixelRectangle(-20, 0, 80, 100)
-    rows, _ = centred_edges(sky, support, NO_EDGES, (40, 100), PixelRectangle(-90, -90, 220, 280))
-    assert rows == [(0, 40)]
+    afar = PixelRectangle(-90, -90, 220, 280)
+    assert centred_edges(sky, support, NO_EDGES, (40, 100), afar)[0] == [(0, 40)]
+    # Where glow hides half of the step, the other half is enough; less is a thing in the scene.
+    for hidden, rows in ((50, [(0, 40)]), (65, [])):
+        glow = torch.full((1, 80, 100), 0.3)
+        glow[:, 20:60] += 0.4
+        glow[:, :, :hidden] = 0.7
+        assert centred_edges(glow, support, NO_EDGES, (40, 100), afar)[0] == rows
 
 
 def test_is_found_in_much_noise() -> None:

@@ -16,13 +16,16 @@ _GOES_ON, _LEVEL = 0.8, 0.7
 """Of the first line of a scene, the second at least; of the third, the second: no slow rise."""
 _MOST = 0.15
 """Of all lines, those at one side that may be dark: an even sky stays."""
-_STEPS = 0.25
+_STEPS = 0.2
 """Of the logarithm of light, the rise at both of two lines together, at least, that lie as far from
 the frame's middle."""
 _LEAST, _STEP = 0.03, 0.6
 """That of each of them at least, and as much as counts: one that is very clear is not enough."""
-_PARTS = 10
-"""Of a line, of which the median rise counts: a scene ends along all of it, what is in it not."""
+_PARTS = 20
+"""Of a line: a scene ends along all of them, what is in it not."""
+_COUNT = 0.3, 0.6
+"""Of the parts, in the order of their rises, those whose mean counts: nothing in a scene that is up
+to two fifths as wide does."""
 _GLOW, _LESS = 1.1, 0.75
 """Of lines before such a step, or of those after it, what lines further out have at most."""
 _NO_LIGHT = 0.1
@@ -83,8 +86,8 @@ def centred_edges(
 ) -> tuple[list[Edges], list[Edges]]:
     r"""Pairs of edges as far from the frame's middle, where one side or none is clear.
 
-    With L the logarithm of light in a part of line k, that line's rise is the median over the parts
-    of
+    With L the logarithm of light in a part of line k, that line's rise is the trimmed mean over the
+    parts (of those from 0.3 to 0.6 in their order) of
 
     .. math:: \tfrac{1}{2}(L_{k+1} + L_{k+2}) - \tfrac{1}{2}(L_{k-1} + L_{k-2})
               - \max(0, L_{k-1} - L_{k-4})
@@ -229,8 +232,9 @@ def _rises(plane: Tensor) -> dict[int, float]:
     after = (light[5:-1] + light[6:]) / 2
     before = (light[3:-3] + light[2:-4]) / 2
     slope = (light[3:-3] - light[:-6]).clamp_min(0)
-    rises = (after - before - slope).median(1).values
-    return dict(enumerate(rises.tolist(), 4))
+    rises = (after - before - slope).sort(1).values
+    first, end = (round(share * rises.shape[1]) for share in _COUNT)
+    return dict(enumerate(rises[:, first:end].mean(1).tolist(), 4))
 
 
 def _dark_lines(plane: Tensor) -> int:
