@@ -23,9 +23,9 @@ _LEAST, _STEP = 0.03, 0.6
 """That of each of them at least, and as much as counts: one that is very clear is not enough."""
 _PARTS = 20
 """Of a line: a scene ends along all of them, what is in it not."""
-_COUNT = 0.3, 0.6
-"""Of the parts, in the order of their rises, those whose mean counts: nothing in a scene that is up
-to two fifths as wide does."""
+_TRIM = 0.3, 0.6
+"""Of the parts, in the order of their rises, where those begin and end whose mean is the line's:
+nothing in a scene that is up to two fifths as wide counts."""
 _GLOW, _LESS = 1.1, 0.75
 """Of lines before such a step, or of those after it, what lines further out have at most."""
 _NO_LIGHT = 0.1
@@ -233,7 +233,7 @@ def _rises(plane: Tensor) -> dict[int, float]:
     before = (light[3:-3] + light[2:-4]) / 2
     slope = (light[3:-3] - light[:-6]).clamp_min(0)
     rises = (after - before - slope).sort(1).values
-    first, end = (round(share * rises.shape[1]) for share in _COUNT)
+    first, end = (round(share * rises.shape[1]) for share in _TRIM)
     return dict(enumerate(rises[:, first:end].mean(1).tolist(), 4))
 
 
