@@ -1,6 +1,7 @@
 """The support that is chosen holds all light, and little else."""
 
 import itertools
+import math
 from dataclasses import replace
 
 import pytest
@@ -12,7 +13,7 @@ from torch import Tensor
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Method, Reconstructor
 from nolens.solvers.scene_edges import NO_EDGES, centred_edges, scene_edges
-from nolens.solvers.scene_support import choose_support
+from nolens.solvers.scene_support import SupportChoice, choose_support
 
 FRAME = PixelRectangle(0, 0, *SENSOR)
 NOISE = 0.003
@@ -44,13 +45,14 @@ def chosen(psf: Tensor, data: Tensor) -> PixelRectangle | None:
     return Reconstructor(psf).choose_support(data).support
 
 
-@pytest.mark.parametrize("corner", [(64, 80), (20, 130)])
-def test_is_the_scene_and_little_more(corner: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("corner", "by"), [((64, 80), 1), ((20, 131), 2)])
+def test_is_the_scene(corner: tuple[int, int], by: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the pixel, as its photograph on the measurement's own pixels shows where it ends."""
+    fewer = math.prod(SENSOR) // by**2
+    monkeypatch.setattr("nolens.solvers.reconstructor._SUPPORT_PIXELS", fewer)
     psf = mask_psf()
     support = chosen(psf, measured(psf, picture({corner: photograph()})))
-    assert support is not None and holds(support, *corner, 64, 64)
-    # By two pixels on either side, as its photograph shows where it ends.
-    assert max(support.height, support.width) <= 68
+    assert support == PixelRectangle(*corner, 64, 64)
 
 
 def lines(*values: float) -> Tensor:
@@ -85,6 +87,28 @@ def test_edges_of_a_photograph(rows: list[float], top: int | None) -> None:
     # A small object in the dark stays.
     scene[:, :1, 20:25] = 0.5
     assert scene_edges(scene, support)[0] is None
+
+
+@pytest.mark.parametrize(
+    ("rows", "top"),
+    [
+        # The last of the dark lines is no part of the scene on the measurement's own pixels, but
+        # one that is lit in part is, and so is a small object in it.
+        ([0.0, 0.01, 0.05], 3),
+        ([0.0, 0.01, 0.2], 2),
+        ([0.05], 1),
+        # More than the margin is no edge that was missed by it, but the scene's own dark.
+        ([0.05] * 4, 0),
+    ],
+)
+def test_sides_at_exact_edges(rows: list[float], top: int) -> None:
+    support = PixelRectangle(-3, 5, 40 + len(rows), 50)
+    choice = SupportChoice(support).at_fine_edges(lines(*rows), 3)
+    assert choice.support == replace(support, top=top - 3, height=support.height - top)
+    scene = lines(*rows)
+    scene[:, len(rows) - 1, 20:25] = 0.5
+    choice = SupportChoice(support).at_fine_edges(scene, 3)
+    assert choice.support is not None and choice.support.top <= len(rows) - 1 - 3
 
 
 GLOW = [0.01, 0.03, 0.06, 0.1, 0.14, 0.2, 0.24, 0.28, 0.3, 0.31]

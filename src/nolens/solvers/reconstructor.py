@@ -45,6 +45,7 @@ from nolens.solvers.plug_and_play import (
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
+from nolens.solvers.scene_edges import NO_EDGES
 from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
@@ -81,6 +82,8 @@ _OWN_PRIOR_BYTES = 170
 _SUPPORT_PIXELS, _SUPPORT_BY = 130_000, 4
 """Pixels of all channels on which a support is chosen, about, and pixels along each that become one
 at most: larger ones lose the PSF's lines, and scenes their edges (decision 16)."""
+_ROUGH = 3.0
+"""What a photo's tolerance is multiplied by where only the scene's edges are asked for."""
 _STOP = {
     Method.ADMM: STOPS[Quality.PHOTO],
     Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, low_frequency=False),
@@ -325,8 +328,9 @@ class Reconstructor:
         """Pixels that a measurement's light comes from (decision 16).
 
         Chosen on means over at most 4×4 pixels, so that a hundred thousand or more are left, and
-        then at the edges that a photograph on these shows (`scene_edges`). The Wiener filter knows
-        no support, and gets none.
+        then at the edges that a photograph on these shows (`scene_edges`). Where it shows some, and
+        pixels are fewer than 4×4, one on the measurement's own tells them to the pixel. The Wiener
+        filter knows no support, and gets none.
 
         Parameters
         ----------
@@ -345,25 +349,35 @@ class Reconstructor:
         values, _ = _parts(measured, valid)
         pixels = channels_of(values, "measurement").numel()
         by = min(max(1, round(math.sqrt(pixels / _SUPPORT_PIXELS))), _SUPPORT_BY)
-        data, usable = _binned(measured, valid, by)
-        psf = _means(channels_of(self.psf, "PSF"), by)
+        photo = _STOP[Method.ADMM]
+        watch = None if progress is None else lambda _: progress(1.0)
 
-        def photograph(support: PixelRectangle) -> Tensor | None:
-            coarse = Reconstructor(psf, support, tau=0.0, device=self.device)
-            problem = coarse.problem(data, usable)
+        def photograph(
+            support: PixelRectangle, side: int = by, stop: Stop = photo
+        ) -> Tensor | None:
+            psf, data, usable = self._on_larger(measured, valid, side)
+            solver = Reconstructor(psf, support, tau=0.0, stop=stop, device=self.device)
+            problem = solver.problem(data, usable)
             problem = problem.weighted(weight_by_noise(problem.by_channel).tau)
-            watch = None if progress is None else lambda _: progress(1.0)
-            result = coarse.solve(problem, callback=watch)
+            result = solver.solve(problem, callback=watch)
             return None if result.stop_reason == "callback" else result.scene
 
-        choice = choose_support(
-            psf.to(self.device),
-            data.to(self.device),
-            usable.to(self.device),
-            photograph,
-            progress,
-        )
-        return choice.finer(by)
+        psf, data, usable = (each.to(self.device) for each in self._on_larger(measured, valid, by))
+        choice = choose_support(psf, data, usable, photograph, progress).finer(by)
+        shows_edges = choice.edges != NO_EDGES and not choice.noisy and not choice.interrupted
+        if choice.support is None or not shows_edges or by == _SUPPORT_BY:
+            return choice
+        rough = replace(photo, scene_tolerance=_ROUGH * photo.scene_tolerance)
+        scene = photograph(choice.support, 1, rough)
+        if scene is None:
+            return replace(choice, interrupted=True)
+        return choice.at_fine_edges(scene, by + 1)
+
+    def _on_larger(
+        self, measured: Measurement | Plane, valid: Plane | None, by: int
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """PSF, values and valid pixels, as means over by×by."""
+        return _means(channels_of(self.psf, "PSF"), by), *_binned(measured, valid, by)
 
     def coarse_problem(
         self, measured: Measurement | Plane, valid: Plane | None = None, by: int = 2

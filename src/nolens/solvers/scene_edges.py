@@ -51,7 +51,7 @@ NO_EDGES: Edges = (None,) * 4
 """All unclear."""
 
 
-def scene_edges(scene: Tensor, support: PixelRectangle) -> Edges:
+def scene_edges(scene: Tensor, support: PixelRectangle, *, exact: bool = False) -> Edges:
     """Where a scene ends, at each side by itself.
 
     A support that is too large by a few lines is dark there in a photograph that has converged:
@@ -65,10 +65,15 @@ def scene_edges(scene: Tensor, support: PixelRectangle) -> Edges:
         (channels, height, width), of the support.
     support
         Pixels of the frame, a line or more larger than the scene is likely to be.
+    exact
+        Whether the last of the dark lines is left out, too. On larger pixels it has a part of the
+        scene, maybe.
     """
     brightest = _brightest(scene)
-    top, bottom = _dark_lines(brightest), _dark_lines(brightest.flip(0))
-    left, right = _dark_lines(brightest.T), _dark_lines(brightest.T.flip(0))
+    top, bottom, left, right = (
+        _dark_lines(plane, exact=exact)
+        for plane in (brightest, brightest.flip(0), brightest.T, brightest.T.flip(0))
+    )
     return (
         support.top + top if top else None,
         support.bottom - bottom if bottom else None,
@@ -121,22 +126,21 @@ def centred_edges(
     )
 
 
-def at_edges(support: PixelRectangle, edges: Edges, by: int) -> PixelRectangle:
-    """A support with its sides half a larger pixel beside edges, where those are clear.
+def at_edges(support: PixelRectangle, edges: Edges, margin: int = 1) -> PixelRectangle:
+    """A support with its sides beside edges, where those are clear.
 
     Parameters
     ----------
     support
         To move the sides of.
     edges
-        As `scene_edges` gives them, on pixels that are by×by of the support's.
-    by
-        Its pixels along each of those.
+        As `scene_edges` gives them.
+    margin
+        Pixels from an edge outwards to the side.
     """
     sides = support.top, support.bottom, support.left, support.right
-    margin = max(1, by // 2)
     top, bottom, left, right = (
-        side if edge is None else by * edge + margin * outwards
+        side if edge is None else edge + margin * outwards
         for side, edge, outwards in zip(sides, edges, (-1, 1, -1, 1), strict=True)
     )
     return PixelRectangle(top, left, bottom - top, right - left)
@@ -237,7 +241,7 @@ def _rises(plane: Tensor) -> dict[int, float]:
     return dict(enumerate(rises[:, first:end].mean(1).tolist(), 4))
 
 
-def _dark_lines(plane: Tensor) -> int:
+def _dark_lines(plane: Tensor, *, exact: bool) -> int:
     """How many of a plane's first lines are dark, with light after them; 0 where none surely is."""
     means = plane.mean(1).tolist()
     near = nnf.avg_pool1d(plane[:, None], min(_POINT_SIDE, plane.shape[1]), 1)
@@ -245,12 +249,13 @@ def _dark_lines(plane: Tensor) -> int:
     before = 0.0
     for line in range(min(int(_MOST * len(means)), len(means) - 3) + 1):
         here, following, third = means[line : line + 3]
+        dark = here <= _DARK and points[line] <= _POINT
         rises = here > min(2 * before, _DARK)
         lit = max(here, following) >= max(_LIT, _JUMP * before)
         stays = following > max(_GOES_ON * here, _LEVEL * third)
         if line and rises and lit and stays:
-            return line
-        if here > _DARK or points[line] > _POINT:
+            return line + 1 if exact and dark and following >= _JUMP * here else line
+        if not dark:
             return 0
         before = max(before, here)
     return 0

@@ -103,6 +103,8 @@ class SupportChoice:
         None where it comes from everywhere, or from no one can say where.
     edges
         Where photographs show that the scene ends.
+    noisy
+        Whether noise hides more exact edges.
     steps
         Rectangles that were tried, one after the other.
     interrupted
@@ -111,16 +113,38 @@ class SupportChoice:
 
     support: PixelRectangle | None
     edges: Edges = NO_EDGES
+    noisy: bool = False
     steps: tuple[SupportStep, ...] = ()
     interrupted: bool = False
 
     def finer(self, by: int) -> "SupportChoice":
-        """Where by×by pixels stand for each of these, with its sides at the edges."""
+        """Where by×by pixels stand for each of these, its sides half of one beside the edges."""
         support = self.support
+        edges = tuple(None if edge is None else by * edge for edge in self.edges)
         if support is not None:
-            support = at_edges(support.finer(by), self.edges, by)
+            support = at_edges(support.finer(by), edges, max(1, by // 2))
         steps = tuple(replace(step, support=step.support.finer(by)) for step in self.steps)
-        return replace(self, support=support, edges=NO_EDGES, steps=steps)
+        return replace(self, support=support, edges=edges, steps=steps)
+
+    def at_fine_edges(self, scene: Tensor, within: int) -> "SupportChoice":
+        """With its sides at the edges that a photograph of its support shows, without a margin.
+
+        Parameters
+        ----------
+        scene
+            (channels, height, width), on the measurement's own pixels.
+        within
+            Lines of the support at each side that are left out at most.
+        """
+        support = self.support
+        if support is None:
+            return self
+        sides = support.top, support.bottom, support.left, support.right
+        edges = tuple(
+            None if edge is None or abs(edge - side) > within else edge
+            for edge, side in zip(scene_edges(scene, support, exact=True), sides, strict=True)
+        )
+        return replace(self, support=at_edges(support, edges, 0), edges=_either(edges, self.edges))
 
 
 def choose_support(
@@ -146,7 +170,9 @@ def choose_support(
     """
     search = _Search(psf, data, valid, photograph, progress)
     support, edges = search.run()
-    return SupportChoice(support, edges, tuple(search.steps), interrupted=search.interrupted)
+    return SupportChoice(
+        support, edges, search.noisy, tuple(search.steps), interrupted=search.interrupted
+    )
 
 
 class _Search:
@@ -169,7 +195,7 @@ class _Search:
         self._tried: dict[tuple[PixelRectangle, int], tuple[Tensor, PartialFit]] = {}
         self._seen = set[PixelRectangle]()
         self.steps: list[SupportStep] = []
-        self.interrupted = False
+        self.noisy = self.interrupted = False
 
     def run(self) -> tuple[PixelRectangle | None, Edges]:
         """The rectangle that is chosen, and the scene's edges there; None for no limit."""
@@ -178,6 +204,7 @@ class _Search:
         if self._free.prediction.unexplained_by_noise > _DROWNED and self._likeliest is not None:
             likely = self._of_psf(self._free)
             if likely is not None:
+                self.noisy = True
                 largest = self._psf_support(self._light.scene)
                 edges = self._edges(largest, NO_EDGES, _WIDE)
                 halfway = _halfway(likely, largest)
@@ -280,6 +307,7 @@ class _Search:
         Those without a clear edge are halfway between the rectangle, with a margin, and the PSF's
         support.
         """
+        self.noisy = True
         support = self._light.visible(with_margin(support, _MARGIN, _MARGIN_AT_LEAST))
         largest = support.union(self._bounds(support))
         if noise > _DROWNED:
@@ -314,7 +342,7 @@ class _Search:
         Two edges that lie as far from the frame's middle and leave something out are taken where
         predictions are not surely against them, and no clear light lies beyond.
         """
-        support = at_edges(support, edges, 1)
+        support = at_edges(support, edges)
         psf_support = self._psf_support(support)
         wider = self._light.visible(with_margin(support, share, 1))
         wider = wider.intersection(psf_support).union(support)
@@ -367,7 +395,7 @@ class _Search:
 
         The former has its sides at new edges, the latter at those that are known.
         """
-        tried, support = at_edges(support, new, 1), at_edges(support, edges, 1)
+        tried, support = at_edges(support, new), at_edges(support, edges)
         if self._light.visible(tried) != tried:
             return False
         if tried.union(support) == tried:
