@@ -144,7 +144,7 @@ class SupportChoice:
             None if edge is None or abs(edge - side) > within else edge
             for edge, side in zip(scene_edges(scene, support, exact=True), sides, strict=True)
         )
-        return replace(self, support=at_edges(support, edges, 0), edges=_either(edges, self.edges))
+        return replace(self, support=at_edges(support, edges, 0))
 
 
 def choose_support(
