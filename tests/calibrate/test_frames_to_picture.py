@@ -67,7 +67,7 @@ def test_stitched_from_noisy_frames(tmp_path: Path) -> None:
     Image.fromarray(astronaut()[:256, 100:356]).save(tmp_path / "scene.png")
     taken = nolens(
         "simulate", tmp_path / "scene.png", "--camera", mine, "--distance", "300mm",
-        "--angle", f"{SCENE_DEG}deg", "-o", tmp_path / "raw.dng",
+        "--angle", f"{SCENE_DEG}deg", "--field-points", 3, "-o", tmp_path / "raw.dng",
         "--truth", tmp_path / "truth.tif",
     )  # fmt: skip
     truth = read_frame(tmp_path / "truth.tif").counts

@@ -10,21 +10,24 @@ from pypdf import PdfReader
 from watching import Watcher
 
 from nolens.camera import preset_text
-from nolens.files import read_camera
+from nolens.files import plots, read_camera
 from nolens.reproduction import ReproduceOptions, depths, job, photographs, reproduce
 from nolens.reproduction import setup as sizes
 from nolens.reproduction.comparison import PAPER
 
 TINY = sizes.Size(
     pixels=None, field_points=1, iterations=6, papers_iterations=2, films_mm=(1.25, 1.45),
-    films_pixels=(200, 200), point_draws=1, point_iterations=20, angle_steps=8,
-    dot_field_points=1, dot_extent_deg=8.0,
+    films_pixels=(200, 200), point_draws=1, point_iterations=8, angle_steps=10,
+    dot_field_points=1, dot_extent_deg=5.0,
 )  # fmt: skip
+
+TAKEN = ("dots", "siemens", "magnification")
+"""Most of the work; as when interrupted."""
 
 
 @pytest.fixture(autouse=True)
 def small_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scenes of a few degrees, which the camera `small` sees in a moment, and little work."""
+    """Scenes of a few degrees, which the camera `small` sees in a moment, and coarse plots."""
     monkeypatch.setattr(job, "FULL", TINY)
     scenes = tuple(
         photographs.Scene(each.name, each.picture, 8.0, each.distance_um)
@@ -33,6 +36,8 @@ def small_work(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (photographs, job):
         monkeypatch.setattr(module, "SCENES", scenes)
     monkeypatch.setattr(depths, "_ANGLE_DEG", 12.0)
+    save = plots._save
+    monkeypatch.setattr(plots, "_save", lambda figure, path, dpi: save(figure, path, dpi // 4))
 
 
 @pytest.fixture
@@ -68,10 +73,10 @@ def test_every_row_is_there_and_the_same_seed_gives_the_same_bytes(
     one = made(tmp_path / "one", watcher, camera)
     timing = json.loads(one["timing.json"])
     longer = tmp_path / "another, much longer name"
-    for taken in ("dots", "siemens", "magnification"):  # Most of the work; as when interrupted.
+    for taken in TAKEN:
         shutil.copytree(tmp_path / "one/steps" / taken, longer / "steps" / taken)
     other = made(longer, Watcher(), camera)
-    for taken in ("dots", "siemens", "magnification"):
+    for taken in TAKEN:
         assert json.loads(other["timing.json"])["parts"][taken] == timing["parts"][taken]
     same = [name for name in one if name.endswith((".html", ".pdf", ".png"))]
     assert len(same) == 2 + 14

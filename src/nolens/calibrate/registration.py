@@ -28,8 +28,9 @@ _LEAST_OVERLAP = 24
 _LONGEST = 800
 """Pixels along the longer side; finer PSFs are averaged, as parts of a pixel are found anyway."""
 _BLURS = (6.0, 3.0, 1.5, 0.7)
-_SCALE_STEP = 0.005
-"""Of the logarithm of the magnification, in the search."""
+_SEARCHED_LONGEST, _SEARCH_STEP = 400, 2.0
+"""The same in the search for the magnification, and pixels by which its steps move the ends of that
+side."""
 _SEARCH_FRACTION = 0.5
 """Of the work."""
 NEARBY = (0.93, 1.07)
@@ -205,11 +206,12 @@ def register(
     r"""Find shift and magnification of a PSF against another one.
 
     The whole-pixel shift is the peak of the cross-correlation; where the magnification is not
-    known, the highest one over all in a range. From there on shift and the logarithm of
-    the magnification are refined together by Gauss–Newton steps on the squared difference
-    (`baker2004`), on PSFs blurred less and less, so that neither the fine structure's many
-    minima nor the blur decide. The result of a blur counts only if the PSFs are more alike there
-    under the next smaller blur too: a blur as wide as the structure leaves nothing to lay over.
+    known, the highest one over all in a range, on larger pixels. From there on shift and the
+    logarithm of the magnification are refined together by Gauss–Newton steps on the squared
+    difference (`baker2004`), on PSFs blurred less and less, so that neither the fine structure's
+    many minima nor the blur decide. The result of a blur counts only if the PSFs are more alike
+    there under the next smaller blur too: a blur as wide as the structure leaves nothing to lay
+    over.
 
     Parameters
     ----------
@@ -224,17 +226,23 @@ def register(
     one, other = (_landmarks(each, bin_by) for each in (psf, reference))
     least, largest = magnification if isinstance(magnification, tuple) else (magnification,) * 2
     ends = math.log(least), math.log(largest)
-    spectrum, peaks = _padded_spectrum(one), []
-    scales = np.linspace(*ends, 1 + math.ceil((ends[1] - ends[0]) / _SCALE_STEP)).tolist()
+    by = math.ceil(max(one.shape) / _SEARCHED_LONGEST)
+    coarse, splines = (_averaged(each, by) for each in (one, other))
+    spectrum, peaks = _padded_spectrum(coarse), []
+    splines = ndimage.spline_filter(splines, order=3, mode="mirror")
+    step = 2 * _SEARCH_STEP / max(coarse.shape)
+    scales = np.linspace(*ends, 1 + math.ceil((ends[1] - ends[0]) / step)).tolist()
     for number, log_scale in enumerate(scales):
         if progress is not None:
             progress(_SEARCH_FRACTION * number / len(scales))
-        matrix = _magnifying(one.shape, log_scale)
-        warped = ndimage.affine_transform(other, matrix[:2, :2], offset=matrix[:2, 2], order=3)
+        matrix = _magnifying(coarse.shape, log_scale)
+        warped = ndimage.affine_transform(
+            splines, matrix[:2, :2], offset=matrix[:2, 2], order=3, prefilter=False
+        )
         peaks.append((*_correlation_peak(spectrum, warped), log_scale))
     _, start, log_scale = max(peaks)
     matrix = _magnifying(one.shape, log_scale)
-    matrix[:2, 2] -= matrix[0, 0] * np.array(start)
+    matrix[:2, 2] -= matrix[0, 0] * by * np.array(start)
     blurred = [[ndimage.gaussian_filter(each, blur) for each in (one, other)] for blur in _BLURS]
     pairs = zip(blurred, [*blurred[1:], blurred[-1]], strict=True)
     for number, (this, finer) in enumerate(pairs):
@@ -261,10 +269,17 @@ def register(
 
 def _landmarks(psf: Tensor, bin_by: int) -> Plane:
     """Fine structure of all channels together, binned; its largest value is 1."""
-    grey = psf.double().sum(dim=0)
-    grey = nnf.avg_pool2d(grey[None, None], bin_by)[0, 0] if bin_by > 1 else grey
-    rest = fine_structure(grey.numpy(), _SMOOTH / bin_by)
+    grey = _averaged(psf.double().sum(dim=0).numpy(), bin_by)
+    rest = fine_structure(grey, _SMOOTH / bin_by)
     return rest / max(float(np.abs(rest).max()), 1e-300)
+
+
+def _averaged(plane: Plane, by: int) -> Plane:
+    """Means over by×by pixels, without rows and columns that fill none."""
+    if by == 1:
+        return plane
+    means: Plane = nnf.avg_pool2d(torch.from_numpy(plane)[None, None], by)[0, 0].numpy()
+    return means
 
 
 def _padded_spectrum(plane: Plane) -> Tensor:
