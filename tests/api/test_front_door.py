@@ -2,6 +2,7 @@
 
 import io
 import math
+import os
 import re
 import subprocess
 import sys
@@ -334,13 +335,22 @@ def test_refused(case: str, shot: nl.SimulatedMeasurement, psf: nl.Psf) -> None:
 
 
 def test_loads_only_what_is_used() -> None:
-    """And all names that are listed are there, and in docs/api.md."""
+    """And all names that are listed are there, and in docs/api.md.
+
+    No module starts a thread of torch, with which no process can be copied (`worker_context`).
+    """
     code = (
-        "import sys, nolens as nl; print(sorted({'torch', 'numpy', 'PIL'} & {*sys.modules}));"
-        "print(*dir(nl)); [getattr(nl, each) for each in dir(nl)]"
+        "import sys, psutil, nolens as nl;"
+        "print(sorted({'torch', 'numpy', 'PIL'} & {*sys.modules}));"
+        "print(*dir(nl)); [getattr(nl, each) for each in dir(nl)];"
+        "import nolens.studio.live_process, nolens.studio.job_process;"
+        "print(psutil.Process().num_threads(), sys.modules['torch'].cuda.is_initialized())"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    heavy, names = done.stdout.splitlines()
-    assert heavy == "[]"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        env={**os.environ, "OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    heavy, names, threads = done.stdout.splitlines()
+    assert heavy == "[]" and threads == "1 False"
     page = (ROOT / "docs" / "api.md").read_text()
     assert [each for each in names.split() if f"`{each}`" not in page] == ["__version__"]

@@ -152,7 +152,10 @@ MAKERS: dict[str, Callable[[Path], Path]] = {
 def test_truncated(suffix: str, role: str, camera: Camera, tmp_path: Path) -> None:
     cut = MAKERS[suffix](tmp_path / f"cut{suffix}")
     data = cut.read_bytes()
-    for length in (0, 1, 7, 30, 100, len(data) // 3, len(data) - 3000, len(data) - 1):
+    lengths = [0, len(data) // 3, len(data) - 1]
+    if role == "measurement":  # All are read alike.
+        lengths += [1, 7, 30, 100, len(data) - 3000]
+    for length in lengths:
         cut.write_bytes(data[:length])
         raw, psf = (cut if role == each else path for each, path in
                     (("measurement", camera.raw), ("psf", camera.psf)))  # fmt: skip

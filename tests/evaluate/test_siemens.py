@@ -45,8 +45,9 @@ def star(
     return level + light * (away <= radius)
 
 
-@pytest.mark.parametrize("sigma", [0.8, 1.5, 2.5])
-@pytest.mark.parametrize("periods", [16, 25, 36])
+@pytest.mark.parametrize(
+    ("periods", "sigma"), [(16, 0.8), (16, 2.5), (25, 1.5), (36, 0.8), (36, 2.5)]
+)
 def test_contrast_is_the_transfer_of_the_blur(periods: int, sigma: float) -> None:
     found = star_contrast(star(periods, sigma))
     assert found.place.periods == periods

@@ -6,16 +6,15 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
+from multiprocessing.context import BaseContext
 from typing import Any
 
 from nolens.engine.items import AHEAD, Failure, Work, failure
 from nolens.errors import NolensError, OptionError
 from nolens.files.input import read_limit, set_read_limit
-from nolens.process import prepare, without_ctrl_c
+from nolens.process import prepare, without_ctrl_c, worker_context
 
-_CONTEXT = get_context("spawn")
 _DEATHS_AT_START = 3
 _READY = "ready"
 
@@ -33,11 +32,12 @@ class Processes:
 
     def __init__(self, work: Work, count: int) -> None:
         self._work = work
+        self._context = worker_context("torch", type(work).__module__)
         self._answers = deque[tuple[str, Any]]()
         self._deaths = 0
         self._workers: list[_Process] = []
         for _ in range(count):
-            self._workers.append(_Process(work))
+            self._workers.append(_Process(work, self._context))
 
     @property
     def capacity(self) -> int:
@@ -91,7 +91,7 @@ class Processes:
                 "machine may have too little memory; give fewer --workers"
             )
         place = self._workers.index(worker)
-        self._workers[place] = _Process(self._work)
+        self._workers[place] = _Process(self._work, self._context)
         text = f"the worker process ended ({_how(code)})"
         self._answers += [
             (key, Failure(text, begun=worker.ready and number == 0))
@@ -107,11 +107,11 @@ class Processes:
 class _Process:
     """A process, and the keys of the items that it has."""
 
-    def __init__(self, work: Work) -> None:
-        self.connection, theirs = _CONTEXT.Pipe()
+    def __init__(self, work: Work, context: BaseContext) -> None:
+        self.connection, theirs = context.Pipe()
         self.keys: list[str] = []
         self.ready = False
-        self._process = _CONTEXT.Process(
+        self._process = context.Process(  # type: ignore[attr-defined]
             target=_serve, args=(theirs, work, read_limit()), daemon=True
         )
         with without_ctrl_c():

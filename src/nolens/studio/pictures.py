@@ -2,6 +2,7 @@
 that the simulated camera captures.
 """
 
+import functools
 import io
 import json
 import warnings
@@ -20,7 +21,6 @@ from nolens.files.sample_pictures import sample_picture
 from nolens.studio.schemas import SCENES
 
 _STEPS = 4096
-_CURVE = (srgb_from_linear(torch.linspace(0, 1, _STEPS)) * 255).round().to(torch.uint8)
 _EXPOSED = 0.995
 _FOLLOW = 0.25
 _JUMP = 2.0
@@ -78,9 +78,15 @@ def message(header: dict[str, Any], parts: dict[str, bytes]) -> bytes:
     return b"".join((len(text).to_bytes(4, "little"), text, *parts.values()))
 
 
+@functools.cache
+def _curve() -> Tensor:
+    """Bytes of sRGB by steps of radiance."""
+    return (srgb_from_linear(torch.linspace(0, 1, _STEPS)) * 255).round().to(torch.uint8)
+
+
 def _jpeg(linear: Tensor) -> bytes:
     steps = (linear * (_STEPS - 1)).clamp_(0, _STEPS - 1).to(torch.int32)
-    encoded = _CURVE.index_select(0, steps.flatten()).view(steps.shape)
+    encoded = _curve().index_select(0, steps.flatten()).view(steps.shape)
     pixels = encoded.permute(1, 2, 0).contiguous().numpy()
     image = Image.fromarray(pixels[..., 0] if pixels.shape[-1] == 1 else pixels)
     buffer = io.BytesIO()

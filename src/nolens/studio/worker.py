@@ -10,19 +10,18 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any
 
 from nolens.errors import NolensError
 from nolens.files.input import read_limit, set_read_limit
-from nolens.process import prepare, without_ctrl_c
+from nolens.process import prepare, without_ctrl_c, worker_context
 from nolens.studio.workspace import confine
 
 Message = tuple[Any, ...]
 """A message: plain values, the first of which says what it is about."""
 
-_CONTEXT = get_context("spawn")
+_LOADED = ("nolens.studio.live_process", "nolens.studio.job_process")
 _LAST_LINES = 8
 _MOST_WAITING = 1000
 
@@ -72,9 +71,10 @@ class Worker:
         self._changed = threading.Condition()
         self._gone = threading.Event()
         self._errors: deque[str] = deque(maxlen=_LAST_LINES)
-        self._channel, theirs = _CONTEXT.Pipe()
-        self._stderr, their_stderr = _CONTEXT.Pipe(duplex=False)
-        self._process = _CONTEXT.Process(
+        context = worker_context(*_LOADED)
+        self._channel, theirs = context.Pipe()
+        self._stderr, their_stderr = context.Pipe(duplex=False)
+        self._process = context.Process(  # type: ignore[attr-defined]
             target=_begin,
             args=(target, folders, theirs, their_stderr, read_limit()),
             name=name,
@@ -92,7 +92,8 @@ class Worker:
     @property
     def pid(self) -> int | None:
         """Number of the process."""
-        return self._process.pid
+        number: int | None = self._process.pid
+        return number
 
     def send(self, *message: Any, instead: str | None = None) -> None:
         """Send a message, without waiting.
