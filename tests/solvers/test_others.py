@@ -25,7 +25,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_fista_and_admm_agree(case):
     problem = pose(case).problem
-    one = fista(problem, iterations=600, tolerance=0)
+    one = fista(problem, iterations=400, tolerance=0)
     other = admm(problem, iterations=1000, tolerance=1e-7, penalties=(0.5, 0.5, 0.5), balance=None)
     assert one.objective == pytest.approx(other.objective, rel=1e-3, abs=2e-6)
     difference = (one.scene - other.scene).norm()

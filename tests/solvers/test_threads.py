@@ -24,6 +24,8 @@ CASES = {
 @pytest.mark.parametrize("prior", ["tv", "isotropic-tv", "l1"])
 @pytest.mark.parametrize("name", CASES)
 def test_one_and_two_threads(name, prior, low_frequency):
+    if name == "a view" and prior == "l1" and low_frequency:
+        pytest.skip("sparse light does not fill a view; 80 iterations of it take seconds")
     case = CASES[name]
     problem = pose(Case(**{**vars(case), "prior": prior})).problem
     pictures = []

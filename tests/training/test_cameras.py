@@ -100,9 +100,9 @@ def test_a_network_learns_what_turns_leave(channels: int, monkeypatch: pytest.Mo
     turns = PlugAndPlay(tiny_network(), (0.3, 0.1))
     lessons = RefinementLessons(PicturePool.generate(1, 0), turns, KnownCamera(psfs(channels)))
     network = refinement_network(tiny_network(1))
-    made = Trainer(network, Schedule(60, 1e-2, patches=6, side=44), seed=0)
+    made = Trainer(network, Schedule(40, 1e-2, patches=4, side=44), seed=0)
     lessons.begin(made, lambda _: None)
-    assert len(lessons.examples) == 7
+    assert len(lessons.examples) == 5
 
     def errors() -> Tensor:
         refine = Refinement(made.network)
