@@ -7,12 +7,16 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
-from multiprocessing.context import BaseContext
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multiprocessing.context import BaseContext
 
 _OBJECTS_BETWEEN_SEARCHES = 50_000
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _LARGE_BYTES, _MOST_BYTES = 2**26, 2**31 - 1
+_LONGEST_PATH = 64
+"""Characters; a socket's has 108 at most, and multiprocessing adds some thirty."""
 
 
 def prepare() -> None:
@@ -48,20 +52,23 @@ def leave() -> None:
     gc.freeze()
 
 
-def worker_context(*modules: str) -> BaseContext:
+def worker_context(*modules: str) -> "BaseContext":
     """How processes beside this one start.
 
     On Linux they are copies of one that has loaded modules before the first: a process then starts
     in a tenth of a second, and what they have loaded is in memory once. Threads of torch and a CUDA
     context would not be copied with it: no module computes anything while it is loaded. Elsewhere
-    each loads its own.
+    each loads its own, and where the path of temporary files is too long for a socket's.
 
     Parameters
     ----------
     modules
         What most of them load; those of the first call count.
     """
-    if sys.platform != "linux":
+    import tempfile  # Both take a while, which every start of the command would wait.
+    from multiprocessing import get_context
+
+    if sys.platform != "linux" or len(tempfile.gettempdir()) > _LONGEST_PATH:
         return get_context("spawn")
     context = get_context("forkserver")
     context.set_forkserver_preload(list(modules))

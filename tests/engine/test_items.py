@@ -2,6 +2,7 @@
 
 import asyncio
 import importlib.metadata
+import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from squares import FAILS, KILLS, Squares, Unreadable
 from nolens.engine import Outcome, run_items
 from nolens.engine.items import AHEAD, ATTEMPTS
 from nolens.errors import OptionError
+from nolens.process import worker_context
 
 COUNT = 9
 
@@ -33,6 +35,14 @@ def _checked(outcomes: Iterator[Outcome]) -> dict[str, Outcome]:
         else:
             assert each.value == number * number
     return by_key
+
+
+def test_where_a_socket_has_no_place_processes_start_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    methods = []
+    for folder in ("/tmp", f"/tmp/{'long' * 20}"):
+        monkeypatch.setattr("tempfile.tempdir", folder)
+        methods.append(worker_context().get_start_method())
+    assert methods == ["forkserver", "spawn"] or sys.platform != "linux"
 
 
 def test_processes_are_replaced_and_hold_few_items(tmp_path: Path) -> None:
