@@ -134,8 +134,9 @@ def test_picture_is_that_of_all_psfs(made: Open, out: Path) -> None:
 
 
 def test_few_psfs_are_spread_and_a_sweep_has_them_too(made: Open, out: Path) -> None:
-    done = run("reconstruct", made.raw, "--psf", made.folder, *COARSE, "--field-points", 5,
-               "--iterations", 8, "--sweep", "prior", "-o", out, "--json")  # fmt: skip
+    done = run("reconstruct", made.raw, "--psf", made.folder, *COARSE[:2], *COARSE[4:],
+               "--tau", 1e-4, "--iterations", 8, "--field-points", 5, "--sweep", "prior",
+               "-o", out, "--json")  # fmt: skip
     assert done.code == 0, done
     record = json.loads(out.with_suffix(".json").read_text())
     used = sorted(name for name in record["inputs"] if name.startswith("PSF "))
