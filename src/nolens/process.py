@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from multiprocessing.context import BaseContext
+    from multiprocessing.context import ForkServerContext, SpawnContext
 
 _OBJECTS_BETWEEN_SEARCHES = 50_000
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
@@ -52,7 +52,7 @@ def leave() -> None:
     gc.freeze()
 
 
-def worker_context(*modules: str) -> "BaseContext":
+def worker_context(*modules: str) -> "ForkServerContext | SpawnContext":
     """How processes beside this one start.
 
     On Linux they are copies of one that has loaded modules before the first: a process then starts

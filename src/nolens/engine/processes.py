@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import BaseContext
 from typing import Any
 
 from nolens.engine.items import AHEAD, Failure, Work, failure
@@ -32,12 +31,11 @@ class Processes:
 
     def __init__(self, work: Work, count: int) -> None:
         self._work = work
-        self._context = worker_context("torch", type(work).__module__)
         self._answers = deque[tuple[str, Any]]()
         self._deaths = 0
         self._workers: list[_Process] = []
         for _ in range(count):
-            self._workers.append(_Process(work, self._context))
+            self._workers.append(_Process(work))
 
     @property
     def capacity(self) -> int:
@@ -91,7 +89,7 @@ class Processes:
                 "machine may have too little memory; give fewer --workers"
             )
         place = self._workers.index(worker)
-        self._workers[place] = _Process(self._work, self._context)
+        self._workers[place] = _Process(self._work)
         text = f"the worker process ended ({_how(code)})"
         self._answers += [
             (key, Failure(text, begun=worker.ready and number == 0))
@@ -107,11 +105,12 @@ class Processes:
 class _Process:
     """A process, and the keys of the items that it has."""
 
-    def __init__(self, work: Work, context: BaseContext) -> None:
+    def __init__(self, work: Work) -> None:
+        context = worker_context("torch", type(work).__module__)
         self.connection, theirs = context.Pipe()
         self.keys: list[str] = []
         self.ready = False
-        self._process = context.Process(  # type: ignore[attr-defined]
+        self._process = context.Process(
             target=_serve, args=(theirs, work, read_limit()), daemon=True
         )
         with without_ctrl_c():

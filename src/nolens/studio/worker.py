@@ -74,7 +74,7 @@ class Worker:
         context = worker_context(*_LOADED)
         self._channel, theirs = context.Pipe()
         self._stderr, their_stderr = context.Pipe(duplex=False)
-        self._process = context.Process(  # type: ignore[attr-defined]
+        self._process = context.Process(
             target=_begin,
             args=(target, folders, theirs, their_stderr, read_limit()),
             name=name,
@@ -92,8 +92,7 @@ class Worker:
     @property
     def pid(self) -> int | None:
         """Number of the process."""
-        number: int | None = self._process.pid
-        return number
+        return self._process.pid
 
     def send(self, *message: Any, instead: str | None = None) -> None:
         """Send a message, without waiting.
