@@ -80,18 +80,14 @@ class Worker:
             name=name,
             daemon=True,
         )
-        with without_ctrl_c():
-            self._process.start()
-        theirs.close()
-        their_stderr.close()
-        stderr_thread = threading.Thread(target=self._read_stderr, daemon=True)
-        stderr_thread.start()
+        self._killed = False
         threading.Thread(target=self._send_all, daemon=True).start()
-        threading.Thread(target=self._listen, args=(stderr_thread,), daemon=True).start()
+        ends = theirs, their_stderr
+        threading.Thread(target=self._follow, args=ends, daemon=True).start()
 
     @property
     def pid(self) -> int | None:
-        """Number of the process."""
+        """Number of the process; None while it starts."""
         return self._process.pid
 
     def send(self, *message: Any, instead: str | None = None) -> None:
@@ -150,7 +146,11 @@ class Worker:
             await asyncio.to_thread(self._gone.wait, 2.0)
 
     def kill(self) -> None:
-        """End the process at once."""
+        """End the process at once, or as soon as it has started."""
+        with self._changed:
+            self._killed = True
+            if self.pid is None:
+                return
         with suppress(ValueError, OSError):
             self._process.kill()
 
@@ -168,7 +168,35 @@ class Worker:
                 self.kill()
                 return
 
-    def _listen(self, stderr_thread: threading.Thread) -> None:
+    def _follow(self, *theirs: Connection) -> None:
+        """From its start, for which nothing else waits, to its end."""
+        reason = self._start(*theirs) or self._listen()
+        with self._changed:
+            self._gone.set()
+            self._changed.notify()
+        self._channel.close()
+        self._in_loop(self._over, reason)
+
+    def _start(self, *theirs: Connection) -> str | None:
+        """Start it; why it did not, where it did not."""
+        try:
+            with without_ctrl_c():
+                self._process.start()
+        except (OSError, EOFError) as error:
+            return f"did not start: {error}"
+        finally:
+            for each in theirs:
+                each.close()
+        with self._changed:
+            killed = self._killed
+        if killed:
+            self.kill()
+        return None
+
+    def _listen(self) -> str:
+        """Take what it sends, to its end; why it ended."""
+        stderr_thread = threading.Thread(target=self._read_stderr, daemon=True)
+        stderr_thread.start()
         # Whatever cannot be read, as what a killed process had half sent, is the end too.
         with suppress(Exception):
             while True:
@@ -182,11 +210,7 @@ class Worker:
             self._process.kill()
             self._process.join()
         stderr_thread.join(1.0)
-        with self._changed:
-            self._gone.set()
-            self._changed.notify()
-        self._channel.close()
-        self._in_loop(self._over, self._reason())
+        return self._reason()
 
     def _read_stderr(self) -> None:
         """Keep the last lines of its standard error."""
