@@ -227,9 +227,9 @@ def register(
     least, largest = magnification if isinstance(magnification, tuple) else (magnification,) * 2
     ends = math.log(least), math.log(largest)
     by = math.ceil(max(one.shape) / _SEARCHED_LONGEST)
-    coarse, splines = (_averaged(each, by) for each in (one, other))
+    coarse = _averaged(one, by)
     spectrum, peaks = _padded_spectrum(coarse), []
-    splines = ndimage.spline_filter(splines, order=3, mode="mirror")
+    splines = ndimage.spline_filter(_averaged(other, by), order=3, mode="mirror")
     step = 2 * _SEARCH_STEP / max(coarse.shape)
     scales = np.linspace(*ends, 1 + math.ceil((ends[1] - ends[0]) / step)).tolist()
     for number, log_scale in enumerate(scales):
