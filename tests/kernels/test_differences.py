@@ -36,35 +36,31 @@ def close(left: torch.Tensor, right: torch.Tensor) -> None:
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 @pytest.mark.parametrize(("count", "functional", "shrinkage"), CASES.values(), ids=CASES)
-def test_map_and_pull(count, functional, shrinkage, size):
+def test_pull_and_scaled_multipliers(count, functional, shrinkage, size):
     (changed, a), targets = draw(count, size), torch.randn(count, *size)
     u = functional.prox(a, shrinkage.step)
     pulled = 0.7 * FiniteDifference(size).H(2 * u - a) + targets.double()
-    differences.shrink_differences_(
-        changed, shrinkage, kept=1.0, added=-1.5, targets=targets, penalty=0.7
-    )
+    differences.add_pulls_(targets, changed, shrinkage, 0.7)
     close(targets, pulled)
-    close(changed, a - 1.5 * u)
+    assert torch.equal(changed.double(), a)
+    differences.scale_multipliers_(changed, shrinkage, 0.3)
+    close(changed, u + 0.3 * (a - u))
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 @pytest.mark.parametrize(("count", "functional", "shrinkage"), CASES.values(), ids=CASES)
-def test_map_alone_and_sums(count, functional, shrinkage, size):
-    (changed, a), (before, a_then) = draw(count, size), draw(count, size)
-    scenes = torch.randn(count, *size)
+def test_move_and_sums(count, functional, shrinkage, size):
+    (changed, a_then), scenes = draw(count, size), torch.randn(count, *size)
+    uncounted = changed.clone()
     varied = FiniteDifference(size)(scenes.double())
-    u, u_then = (functional.prox(each, shrinkage.step) for each in (a, a_then))
+    u_then = functional.prox(a_then, shrinkage.step)
+    a = a_then + 1.5 * (varied - u_then)
+    u = functional.prox(a, shrinkage.step)
     parts = varied - u, u, u - u_then, (a - u) - (a_then - u_then)
     expected = torch.stack([each.square().sum(dim=(1, 2, 3)) for each in parts], -1)
-    sums, variation = differences.difference_sums(changed, before, scenes, shrinkage)
+    sums, variation = differences.move_differences_(changed, scenes, shrinkage, 1.5, counted=True)
+    close(changed, a)
     torch.testing.assert_close(torch.tensor(sums).double(), expected, rtol=1e-4, atol=0)
     assert variation == pytest.approx(float(functional(varied)), rel=1e-5)
-    differences.shrink_differences_(changed, shrinkage, kept=0.3, added=0.7)
-    close(changed, torch.lerp(u, a, 0.3))
-
-
-@pytest.mark.parametrize("size", SIZES, ids=str)
-def test_add(size):
-    (changed, a), scene = draw(1, size), torch.randn(size)
-    differences.add_differences_(changed[0], scene, 1.5)
-    close(changed[0], a[0] + 1.5 * FiniteDifference(size)(scene.double()))
+    differences.move_differences_(uncounted, scenes, shrinkage, 1.5, counted=False)
+    close(uncounted, a)

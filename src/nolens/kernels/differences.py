@@ -12,6 +12,7 @@ import importlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from types import ModuleType
 
 import torch
 from torch import Tensor
@@ -81,88 +82,69 @@ class Shrinkage:
         ]
 
 
-def shrink_differences_(
-    a: Tensor,
-    shrinkage: Shrinkage,
-    *,
-    kept: float,
-    added: float,
-    targets: Tensor | None = None,
-    penalty: float = 0.0,
-) -> None:
-    """Make a kept · a + added · u, and add penalty · Ψ*(2u − a) to targets.
+def add_pulls_(targets: Tensor, a: Tensor, shrinkage: Shrinkage, penalty: float) -> None:
+    """Add penalty · Ψ*(2u − a) to targets.
+
+    Parameters
+    ----------
+    targets
+        (channels, height, width).
+    a
+        (channels, 2, height, width).
+    shrinkage
+        What u is.
+    penalty
+        Of the split.
+    """
+    if _compiled(a):
+        _on_cpu().add_pulls_(targets, a, shrinkage, penalty)
+        return
+    for rows in _bands(a):
+        part = a[..., rows, :]
+        _add_back_(targets, (2 * shrinkage.of(part) - part).mul_(penalty), rows)
+
+
+def move_differences_(
+    a: Tensor, scenes: Tensor, shrinkage: Shrinkage, relaxation: float, *, counted: bool
+) -> tuple[list[list[float]], float]:
+    """Add α (Ψv − u) to a.
 
     Parameters
     ----------
     a
         (channels, 2, height, width).
-    shrinkage
-        What u is.
-    kept, added
-        Factors of a and u.
-    targets
-        (channels, height, width); None for none.
-    penalty
-        Of the split.
-    """
-    if _compiled(a):
-        on_cpu = importlib.import_module("nolens.kernels.differences_numba")
-        on_cpu.shrink_differences_(a, shrinkage, kept, added, targets, penalty)
-        return
-    for rows in _bands(a):
-        part = a[..., rows, :]
-        u = shrinkage.of(part)
-        if targets is not None:
-            _add_back_(targets, (2 * u - part).mul_(penalty), rows)
-        part.mul_(kept).add_(u, alpha=added)
-
-
-def add_differences_(a: Tensor, scene: Tensor, factor: float) -> None:
-    """Add factor · Ψv to one channel's a.
-
-    Parameters
-    ----------
-    a
-        (2, height, width).
-    scene
-        V, (height, width).
-    factor
-        α.
-    """
-    if _compiled(a):
-        on_cpu = importlib.import_module("nolens.kernels.differences_numba")
-        on_cpu.add_differences_(a, scene, factor)
-        return
-    for rows in _bands(a):
-        a[:, rows] += factor * difference_rows(scene, rows)
-
-
-def difference_sums(
-    a: Tensor, before: Tensor, scenes: Tensor, shrinkage: Shrinkage
-) -> tuple[list[list[float]], float]:
-    """Of every channel, Σ(Ψv − u)², Σu², Σ(u − u_before)² and Σ(d − d_before)²; and the variation.
-
-    Parameters
-    ----------
-    a, before
-        (channels, 2, height, width), after an iteration and before it.
     scenes
         V, (channels, height, width).
     shrinkage
-        What u is; the variation is that of all Ψv together.
+        What u is.
+    relaxation
+        α.
+    counted
+        Whether sums are needed; they are zero otherwise.
+
+    Returns
+    -------
+    list
+        Of every channel, Σ(Ψv − u)², Σu², Σ(u − u_before)² and Σ(d − d_before)².
+    float
+        The variation of all Ψv together.
     """
     if _compiled(a):
-        on_cpu = importlib.import_module("nolens.kernels.differences_numba")
-        compiled: tuple[list[list[float]], float] = on_cpu.difference_sums(
-            a, before, scenes, shrinkage
+        moved: tuple[list[list[float]], float] = _on_cpu().move_differences_(
+            a, scenes, shrinkage, relaxation, counted=counted
         )
-        return compiled
+        return moved
     sums, variation = torch.zeros(len(a), 4, dtype=torch.float64), 0.0
     for rows in _bands(a):
-        now, then = a[..., rows, :], before[..., rows, :]
-        u, u_then = shrinkage.of(now), shrinkage.of(then)
-        varied = difference_rows(scenes, rows)
-        turned = (now - u).sub_(then - u_then)
+        part, varied = a[..., rows, :], difference_rows(scenes, rows)
+        u_then = shrinkage.of(part)
+        if not counted:
+            part.add_(varied.sub_(u_then), alpha=relaxation)
+            continue
+        d_then = part - u_then
+        part.add_(varied - u_then, alpha=relaxation)
+        u = shrinkage.of(part)
+        turned = (part - u).sub_(d_then)
         parts = [
             each.square().sum(dim=(-3, -2, -1), dtype=torch.float64)
             for each in (varied - u, u, u - u_then, turned)
@@ -170,6 +152,16 @@ def difference_sums(
         sums += torch.stack(parts, -1).cpu()
         variation += shrinkage.variation(varied)
     return sums.tolist(), variation
+
+
+def scale_multipliers_(a: Tensor, shrinkage: Shrinkage, factor: float) -> None:
+    """Make u + factor · d of a = u + d, (channels, 2, height, width); `shrinkage` says what u is."""
+    if _compiled(a):
+        _on_cpu().scale_multipliers_(a, shrinkage, factor)
+        return
+    for rows in _bands(a):
+        part = a[..., rows, :]
+        part.copy_(torch.lerp(shrinkage.of(part), part, factor))
 
 
 def difference_rows(scene: Tensor, rows: slice) -> Tensor:
@@ -185,6 +177,10 @@ def difference_rows(scene: Tensor, rows: slice) -> Tensor:
     inside = scene[..., rows, :]
     below = torch.cat([inside[..., 1:, :], scene[..., rows.stop % scene.shape[-2], None, :]], -2)
     return torch.stack([below - inside, inside.roll(-1, -1) - inside], dim=-3)
+
+
+def _on_cpu() -> ModuleType:
+    return importlib.import_module("nolens.kernels.differences_numba")
 
 
 def _compiled(a: Tensor) -> bool:

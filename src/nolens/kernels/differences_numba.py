@@ -21,61 +21,51 @@ _inlined = numba.njit(  # type: ignore[call-overload]
 )
 
 
-def shrink_differences_(
-    a: Tensor,
-    shrinkage: Shrinkage,
-    kept: float,
-    added: float,
-    targets: Tensor | None,
-    penalty: float,
-) -> None:
-    """See `nolens.kernels.differences.shrink_differences_`."""
+def add_pulls_(targets: Tensor, a: Tensor, shrinkage: Shrinkage, penalty: float) -> None:
+    """See `nolens.kernels.differences.add_pulls_`."""
     height, width = a.shape[-2:]
     blocks = blocks_of(height, height * width)
-    factors = np.array([kept, added, penalty], np.float32)
-    pulls = np.empty((len(a), 0, 0), np.float32) if targets is None else targets.numpy()
     last = np.zeros((blocks, len(a), width), np.float32)
-    arrays, limits = a.numpy(), _limits(shrinkage)
+    arrays, pulls, limits = a.numpy(), targets.numpy(), _limits(shrinkage)
 
     def sweep(block: int) -> None:
         rows = block_rows(block, blocks, height)
-        _shrink_block(arrays, pulls, last[block], factors, limits, rows)
+        _pull_block(arrays, pulls, last[block], np.float32(penalty), limits, rows)
 
     for_each_block(sweep, blocks, a.numel())
-    if targets is not None:
-        # The first row of every block still lacks what comes from the block above it.
-        starts = [block_rows(block, blocks, height)[0] for block in range(blocks)]
-        pulls[:, starts] += np.roll(last, 1, axis=0).transpose(1, 0, 2)
+    # The first row of every block still lacks what comes from the block above it.
+    starts = [block_rows(block, blocks, height)[0] for block in range(blocks)]
+    pulls[:, starts] += np.roll(last, 1, axis=0).transpose(1, 0, 2)
 
 
-def add_differences_(a: Tensor, scene: Tensor, factor: float) -> None:
-    """See `nolens.kernels.differences.add_differences_`."""
-    height, width = scene.shape
-    blocks = blocks_of(height, height * width)
-    arrays, plane = a.numpy(), scene.numpy()
-
-    def sweep(block: int) -> None:
-        _add_block(arrays, plane, np.float32(factor), block_rows(block, blocks, height))
-
-    for_each_block(sweep, blocks, height * width)
-
-
-def difference_sums(
-    a: Tensor, before: Tensor, scenes: Tensor, shrinkage: Shrinkage
+def move_differences_(
+    a: Tensor, scenes: Tensor, shrinkage: Shrinkage, relaxation: float, *, counted: bool
 ) -> tuple[list[list[float]], float]:
-    """See `nolens.kernels.differences.difference_sums`."""
+    """See `nolens.kernels.differences.move_differences_`."""
     height, width = scenes.shape[-2:]
     blocks = blocks_of(height, height * width)
     limits, sums = _limits(shrinkage), np.zeros((blocks, len(a) + 1, 4))
-    now, then, planes = (each.numpy() for each in (a, before, scenes))
+    arrays, planes = a.numpy(), scenes.numpy()
 
     def sweep(block: int) -> None:
         rows = block_rows(block, blocks, height)
-        _sum_block(now, then, planes, sums[block], limits, rows)
+        _move_block(arrays, planes, np.float32(relaxation), counted, sums[block], limits, rows)
 
     for_each_block(sweep, blocks, a.numel())
     *of_channels, of_all = sums.sum(axis=0).tolist()
     return of_channels, of_all[0]
+
+
+def scale_multipliers_(a: Tensor, shrinkage: Shrinkage, factor: float) -> None:
+    """See `nolens.kernels.differences.scale_multipliers_`."""
+    height, width = a.shape[-2:]
+    blocks = blocks_of(height, height * width)
+    arrays, limits = a.numpy(), _limits(shrinkage)
+
+    def sweep(block: int) -> None:
+        _scale_block(arrays, np.float32(factor), limits, block_rows(block, blocks, height))
+
+    for_each_block(sweep, blocks, a.numel())
 
 
 def _limits(shrinkage: Shrinkage) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -129,52 +119,48 @@ def _lengths():  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _shrink_block(a, targets, last, factors, limits, rows):  # type: ignore[no-untyped-def]
-    kept, added, penalty = factors
+def _pull_block(a, targets, last, penalty, limits, rows):  # type: ignore[no-untyped-def]
     count, width = last.shape
     u = np.empty((count, 2, width), np.float32)
-    wanted = targets.shape[1] > 0
     for i in range(rows[0], rows[1]):
         _shrunk(a, i, limits, u)
         for c in range(count):
             down, right = a[c, 0, i], a[c, 1, i]
             below, after = u[c, 0], u[c, 1]
-            if wanted:
-                target, flow = targets[c, i], last[c]
-                for j in range(width):
-                    q = penalty * (below[j] + below[j] - down[j])
-                    target[j] += flow[j] - q
-                    flow[j] = q
-                end = after[width - 1] + after[width - 1] - right[width - 1]
-                target[0] += penalty * (end - (after[0] + after[0] - right[0]))
-                for j in range(1, width):
-                    before = after[j - 1] + after[j - 1] - right[j - 1]
-                    target[j] += penalty * (before - (after[j] + after[j] - right[j]))
+            target, flow = targets[c, i], last[c]
             for j in range(width):
-                down[j] = kept * down[j] + added * below[j]
-                right[j] = kept * right[j] + added * after[j]
+                q = penalty * (below[j] + below[j] - down[j])
+                target[j] += flow[j] - q
+                flow[j] = q
+            end = after[width - 1] + after[width - 1] - right[width - 1]
+            target[0] += penalty * (end - (after[0] + after[0] - right[0]))
+            for j in range(1, width):
+                before = after[j - 1] + after[j - 1] - right[j - 1]
+                target[j] += penalty * (before - (after[j] + after[j] - right[j]))
 
 
 @_compiled
-def _add_block(a, plane, factor, rows):  # type: ignore[no-untyped-def]
-    height, width = plane.shape
+def _scale_block(a, factor, limits, rows):  # type: ignore[no-untyped-def]
+    count, _, _, width = a.shape
+    u = np.empty((count, 2, width), np.float32)
     for i in range(rows[0], rows[1]):
-        v, under = plane[i], plane[(i + 1) % height]
-        down, right = a[0, i], a[1, i]
-        for j in range(width):
-            down[j] += factor * (under[j] - v[j])
-        for j in range(width - 1):
-            right[j] += factor * (v[j + 1] - v[j])
-        right[width - 1] += factor * (v[0] - v[width - 1])
+        _shrunk(a, i, limits, u)
+        for c in range(count):
+            for d in range(2):
+                row, x = a[c, d, i], u[c, d]
+                for j in range(width):
+                    row[j] = x[j] + factor * (row[j] - x[j])
 
 
 @_compiled
-def _sum_block(now, then, planes, sums, limits, rows):  # type: ignore[no-untyped-def]
+def _move_block(  # type: ignore[no-untyped-def]
+    a, planes, relaxation, counted, sums, limits, rows
+):
     count, height, width = planes.shape
     u, varied = np.empty((2, count, 2, width), np.float32), np.empty((count, 2, width), np.float32)
+    multiplier = np.empty((count, 2, width), np.float32)
     for i in range(rows[0], rows[1]):
-        _shrunk(now, i, limits, u[0])
-        _shrunk(then, i, limits, u[1])
+        _shrunk(a, i, limits, u[0])
         for c in range(count):
             v, under = planes[c, i], planes[c, (i + 1) % height]
             for j in range(width):
@@ -183,15 +169,24 @@ def _sum_block(now, then, planes, sums, limits, rows):  # type: ignore[no-untype
                 varied[c, 1, j] = v[j + 1] - v[j]
             varied[c, 1, width - 1] = v[0] - v[width - 1]
             for d in range(2):
-                a, a_then = now[c, d, i], then[c, d, i]
-                x, x_then, moved = u[0, c, d], u[1, c, d], varied[c, d]
+                row, x, moved, d_then = a[c, d, i], u[0, c, d], varied[c, d], multiplier[c, d]
+                for j in range(width):
+                    d_then[j] = row[j] - x[j]
+                    row[j] += relaxation * (moved[j] - x[j])
+        if not counted:
+            continue
+        _shrunk(a, i, limits, u[1])
+        for c in range(count):
+            for d in range(2):
+                row, moved, d_then = a[c, d, i], varied[c, d], multiplier[c, d]
+                x_then, x = u[0, c, d], u[1, c, d]
                 primal = split = change = turned = np.float32(0)
                 for j in range(width):
                     primal += (moved[j] - x[j]) * (moved[j] - x[j])
                     split += x[j] * x[j]
                     step = x[j] - x_then[j]
                     change += step * step
-                    turn = a[j] - a_then[j] - step
+                    turn = row[j] - x[j] - d_then[j]
                     turned += turn * turn
                 sums[c, 0] += primal
                 sums[c, 1] += split

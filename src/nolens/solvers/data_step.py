@@ -1,6 +1,7 @@
 """ADMM that fits the measurement in its linear step, by preconditioned conjugate gradients."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -11,9 +12,9 @@ from nolens.kernels import (
     PassSums,
     Shrinkage,
     SplitState,
-    add_differences_,
-    difference_sums,
-    shrink_differences_,
+    add_pulls_,
+    move_differences_,
+    scale_multipliers_,
 )
 from nolens.solvers.admm_state import AdmmState, Penalties
 from nolens.solvers.functionals import OpponentL1
@@ -21,6 +22,7 @@ from nolens.solvers.linear_step import LinearStep, dot, first_in_frame
 from nolens.solvers.problem import Prior, Problem
 
 _Sums = tuple[float, float, float, float]
+_Proximal = Callable[[Tensor], Tensor]
 
 DATA_STEP_RELAXATION = 1.5
 """α where no other is given."""
@@ -94,8 +96,8 @@ class DataStep:
         self._frame = _Frame.of(problem)
         self._a_u = self._frame.framed_of(state.differences)
         self._channels = [
-            _Channel(problem.single(number), split, a_u, self._frame)
-            for number, (split, a_u) in enumerate(zip(state.splits, self._a_u, strict=True))
+            _Channel(problem.single(number), split, self._frame)
+            for number, split in enumerate(state.splits)
         ]
         for channel in self._channels:
             channel.start(self._w(channel.a_w))
@@ -111,17 +113,24 @@ class DataStep:
         """Make so many iterations with these penalties; the sums of every channel's last."""
         self._go_on_with(penalties)
         for _ in range(count - 1):
-            for each, target in zip(self._channels, self._targets(), strict=True):
-                self._step(each, target)
-        before, of_w = self._a_u.clone(), list[_Sums]()
-        scenes = self._targets()  # What the linear step solves for, and after it its solution.
-        for each, plane in zip(self._channels, scenes, strict=True):
-            a_w = each.a_w.clone()
-            scene = self._step(each, plane)
-            now, then = (each.a_w, self._w(each.a_w)), (a_w, self._w(a_w))
-            of_w.append(_sums(scene, now, then))
-            each.renew_residual()
-        of_u, variation = self._sums_of_u(scenes, before)
+            self._iterate(counted=False)
+        return self._iterate(counted=True)
+
+    def _iterate(self, *, counted: bool) -> list[PassSums]:
+        """One iteration; its sums for every channel where they are counted."""
+        scenes = self._pulls()  # What the linear step solves for, and after it its solution.
+        of_w = list[_Sums]()
+        for channel, plane in zip(self._channels, scenes, strict=True):
+            scene = channel.solve(plane, self._w, self._penalties)
+            before = channel.a_w.clone() if counted else None
+            channel.move(scene, self._w, self._relaxation)
+            if before is not None:
+                now, then = (channel.a_w, self._w(channel.a_w)), (before, self._w(before))
+                of_w.append(_sums(scene, now, then))
+                channel.renew_residual()
+        of_u, variation = self._move_u(scenes, counted=counted)
+        if not counted:
+            return []
         sums = []
         for each, scene, *both in zip(self._channels, scenes, of_u, of_w, strict=True):
             primal, split, change, turned = ((0.0, u, w) for u, w in zip(*both, strict=True))
@@ -138,29 +147,20 @@ class DataStep:
         if self._varied and not self._frame.whole:
             self._frame.write_(state.differences, self._a_u)
 
-    def _step(self, channel: "_Channel", target: Tensor) -> Tensor:
-        """One iteration of a channel; its scene v."""
-        return channel.step(target, self._w(channel.a_w), self._penalties, self._relaxation)
-
-    def _targets(self) -> Tensor:
-        """μ₂Ψ*q_u on the frame, (channels, height, width); α times u is taken from a."""
-        targets = self._frame.zeros(self._a_u, len(self._channels))
+    def _pulls(self) -> Tensor:
+        """μ₂Ψ*q_u on the frame, (channels, height, width)."""
+        pulls = self._a_u.new_zeros((len(self._channels), *self._frame.size))
         if self._varied:
-            shrink_differences_(
-                self._a_u,
-                self._shrinkage,
-                kept=1.0,
-                added=-self._relaxation,
-                targets=targets,
-                penalty=self._penalties[1],
-            )
-        return targets
+            add_pulls_(pulls, self._a_u, self._shrinkage, self._penalties[1])
+        return pulls
 
-    def _sums_of_u(self, scenes: Tensor, before: Tensor) -> tuple[list[list[float]], float]:
-        """`_sums` of u for every channel, and R(v), mean over channels; of scenes on the frame."""
+    def _move_u(self, scenes: Tensor, *, counted: bool) -> tuple[list[list[float]], float]:
+        """Move u with its multiplier; `_sums` of every channel, and R(v), mean over channels."""
         if not self._varied:
             return [[0.0] * 4 for _ in scenes], 0.0
-        sums, variation = difference_sums(self._a_u, before, scenes, self._shrinkage)
+        sums, variation = move_differences_(
+            self._a_u, scenes, self._shrinkage, self._relaxation, counted=counted
+        )
         return sums, variation / len(scenes)
 
     @property
@@ -186,7 +186,7 @@ class DataStep:
             for before, after in zip(self._penalties, penalties, strict=True)
         )
         if self._varied:
-            shrink_differences_(self._a_u, self._shrinkage, kept=second, added=1 - second)
+            scale_multipliers_(self._a_u, self._shrinkage, second)
         for channel in self._channels:
             channel.a_w.copy_(torch.lerp(self._w(channel.a_w), channel.a_w, third))
         self._penalties = penalties
@@ -198,8 +198,8 @@ class _Channel:
     Where the scene is the whole padded shape, these are the state's own memory.
     """
 
-    def __init__(self, problem: Problem, split: SplitState, a_u: Tensor, frame: "_Frame") -> None:
-        self._problem, self._a_u, self._frame = problem, a_u, frame
+    def __init__(self, problem: Problem, split: SplitState, frame: "_Frame") -> None:
+        self._problem, self._frame = problem, frame
         self.a_w = frame.scene_of(split.scene)[None]
         if not frame.whole:
             self.a_w = self.a_w.clone()
@@ -232,18 +232,18 @@ class _Channel:
             split.scene.zero_()
             self._frame.scene_of(split.scene).copy_(self.a_w[0])
 
-    def step(self, target: Tensor, w: Tensor, penalties: Penalties, relaxation: float) -> Tensor:
-        """One iteration, from μ₂Ψ*q_u on the frame and w; v, which is on the frame then, too."""
+    def solve(self, target: Tensor, proximal: _Proximal, penalties: Penalties) -> Tensor:
+        """The scene v for μ₂Ψ*q_u on the frame, (height, width), which holds v afterwards."""
         wanted = self._frame.unframed(target)[None]
-        wanted.add_(2 * w - self.a_w, alpha=penalties[2])
-        self.a_w.sub_(w, alpha=relaxation)
+        wanted.add_(proximal(self.a_w).mul_(2).sub_(self.a_w), alpha=penalties[2])
         self._linear.solve(wanted, penalties)
         scene = self._linear.v
-        self.a_w.add_(scene, alpha=relaxation)
         self._frame.put_(target, scene)
-        if self._problem.varied:
-            add_differences_(self._a_u, target, relaxation)
         return scene
+
+    def move(self, scene: Tensor, proximal: _Proximal, relaxation: float) -> None:
+        """Move w with its multiplier."""
+        self.a_w.add_(scene - proximal(self.a_w), alpha=relaxation)
 
 
 @dataclass(frozen=True)
@@ -288,10 +288,6 @@ class _Frame:
         """The inverse of `framed_of`; zero beside the frame."""
         array.zero_()
         array[..., self.rows, self.columns] = values
-
-    def zeros(self, like: Tensor, channels: int) -> Tensor:
-        """Of the frame's size, (channels, height, width)."""
-        return like.new_zeros((channels, *self.size))
 
     def put_(self, framed: Tensor, scene: Tensor) -> None:
         """Write a scene onto a frame, with zero beside it."""
