@@ -62,7 +62,8 @@ class SplitState:
         Weight of the total variation, its kind, and weight of the ℓ1 norm.
     measured, rows, columns, scene
         The arrays `a` of the splits x = Mv, u = Ψv (its two directions) and w = v, of the
-        padded shape's size. `rows` and `columns` are empty where `tv` is zero.
+        padded shape's size. `rows` and `columns` are empty where `tv` is zero; `measured` has the
+        sensor's size where the measurement is in the linear step, and is no split there.
     """
 
     data: Tensor
@@ -76,6 +77,13 @@ class SplitState:
     rows: Tensor
     columns: Tensor
     scene: Tensor
+
+    @property
+    def light(self) -> Tensor:
+        """X on the sensor: a part of `measured`."""
+        top, left, height, width = self.sensor
+        whole = self.measured.shape == self.data.shape
+        return self.measured if whole else self.measured[top : top + height, left : left + width]
 
     def estimate(self, penalty: float) -> Tensor:
         """Scene w = prox(a) of the last split on the support's pixels: non-negative."""

@@ -157,7 +157,10 @@ class AdmmState:
         splits = []
         for channel, each in enumerate(scenes):
             scene = problem.forward.embed(each)
-            measured = irfft2(rfft2(scene) * problem.transfer(channel), padded)
+            if problem.in_linear_step:
+                measured = problem.forward.single(channel)(each[None])[0]
+            else:
+                measured = irfft2(rfft2(scene) * problem.transfer(channel), padded)
             if problem.varied:
                 differences[channel] = FiniteDifference(padded)(scene)
             splits.append(_split(problem, channel, measured, scene, differences[channel]))
@@ -216,10 +219,8 @@ class AdmmState:
         """
         missed = total = 0.0
         for channel, split in enumerate(self.splits):
-            top, left, height, width = split.sensor
-            light = split.measured[top : top + height, left : left + width]
             data, weight = problem.data[channel], float(problem.scale[channel]) ** 2
-            apart = torch.where(problem.valid[channel], data - light, 0)
+            apart = torch.where(problem.valid[channel], data - split.light, 0)
             missed += weight * float(apart.square().sum())
             total += weight * float(data.square().sum())
         return math.sqrt(missed / total)
@@ -228,9 +229,8 @@ class AdmmState:
         """Fraction of the scene's light in the padded shape that falls onto the sensor so far."""
         total = on_sensor = 0.0
         for split in self.splits:
-            top, left, height, width = split.sensor
             total += float(split.measured.sum())
-            on_sensor += float(split.measured[top : top + height, left : left + width].sum())
+            on_sensor += float(split.light.sum())
         return on_sensor / total if total > 0 else 1.0
 
     def scene(self) -> Tensor:

@@ -225,9 +225,7 @@ class _Channel:
 
     def write(self, split: SplitState) -> None:
         """Write the splits u and w with their multipliers, and x on the valid pixels."""
-        top, left, height, width = split.sensor
-        light = self._problem.data[0] - self.residual[0]
-        split.measured[top : top + height, left : left + width] = light
+        split.light.copy_(self._problem.data[0] - self.residual[0])
         if not self._frame.whole:
             split.scene.zero_()
             self._frame.scene_of(split.scene).copy_(self.a_w[0])
