@@ -31,6 +31,7 @@ def prepare() -> None:
     wait for: beside other programs, a picture then takes up to ten times as long.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
     gc.set_threshold(_OBJECTS_BETWEEN_SEARCHES)
     with suppress(AttributeError, OSError, TypeError):  # Another C library.
         mallopt = ctypes.CDLL(None).mallopt

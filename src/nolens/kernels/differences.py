@@ -155,7 +155,17 @@ def move_differences_(
 
 
 def scale_multipliers_(a: Tensor, shrinkage: Shrinkage, factor: float) -> None:
-    """Make u + factor · d of a = u + d, (channels, 2, height, width); `shrinkage` says what u is."""
+    """Make u + factor · d of a = u + d.
+
+    Parameters
+    ----------
+    a
+        (channels, 2, height, width).
+    shrinkage
+        What u is.
+    factor
+        Of the multipliers.
+    """
     if _compiled(a):
         _on_cpu().scale_multipliers_(a, shrinkage, factor)
         return

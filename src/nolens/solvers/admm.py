@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nolens.errors import DataError, OptionError
 from nolens.kernels import PassSums, Repeater, SplitState, in_large_pages, update_splits_
+from nolens.process import release_memory
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.data_step import DATA_STEP_RELAXATION, DataStep, data_step_start
 from nolens.solvers.problem import Prior, Problem
@@ -326,7 +327,8 @@ def admm(
 
     checks = _checks(run, iterations, max(tolerance, scene_tolerance / 3))
     history, stop_reason = follow(checks, has_ended, callback)
-    run.end()  # What follows needs its memory.
+    run.end()
+    release_memory()  # What follows needs it.
     scene = state.scene()
     if state.fills_view:
         scene, objective = problem.gain_corrected(scene)

@@ -121,13 +121,8 @@ class DataStep:
         scenes = self._pulls()  # What the linear step solves for, and after it its solution.
         of_w = list[_Sums]()
         for channel, plane in zip(self._channels, scenes, strict=True):
-            scene = channel.solve(plane, self._w, self._penalties)
-            before = channel.a_w.clone() if counted else None
-            channel.move(scene, self._w, self._relaxation)
-            if before is not None:
-                now, then = (channel.a_w, self._w(channel.a_w)), (before, self._w(before))
-                of_w.append(_sums(scene, now, then))
-                channel.renew_residual()
+            channel.solve(plane, self._w, self._penalties)
+            of_w += channel.move(plane, self._w, self._relaxation, counted=counted)
         of_u, variation = self._move_u(scenes, counted=counted)
         if not counted:
             return []
@@ -219,10 +214,6 @@ class _Channel:
         """What counts of b − Av."""
         return self._linear.residual
 
-    def renew_residual(self) -> None:
-        """Compute the residual anew, of which steps lose a little each."""
-        self._linear.renew_residual()
-
     def write(self, split: SplitState) -> None:
         """Write the splits u and w with their multipliers, and x on the valid pixels."""
         split.light.copy_(self._problem.data[0] - self.residual[0])
@@ -230,18 +221,25 @@ class _Channel:
             split.scene.zero_()
             self._frame.scene_of(split.scene).copy_(self.a_w[0])
 
-    def solve(self, target: Tensor, proximal: _Proximal, penalties: Penalties) -> Tensor:
-        """The scene v for μ₂Ψ*q_u on the frame, (height, width), which holds v afterwards."""
+    def solve(self, target: Tensor, proximal: _Proximal, penalties: Penalties) -> None:
+        """Solve for the scene v with μ₂Ψ*q_u on the frame, (height, width), where v goes."""
         wanted = self._frame.unframed(target)[None]
         wanted.add_(proximal(self.a_w).mul_(2).sub_(self.a_w), alpha=penalties[2])
         self._linear.solve(wanted, penalties)
-        scene = self._linear.v
-        self._frame.put_(target, scene)
-        return scene
+        self._frame.put_(target, self._linear.v)
 
-    def move(self, scene: Tensor, proximal: _Proximal, relaxation: float) -> None:
-        """Move w with its multiplier."""
-        self.a_w.add_(scene - proximal(self.a_w), alpha=relaxation)
+    def move(
+        self, scene: Tensor, proximal: _Proximal, relaxation: float, *, counted: bool
+    ) -> list[_Sums]:
+        """Move w with its multiplier, by v on the frame; `_sums`, where they are counted."""
+        v, w = self._frame.unframed(scene)[None], proximal(self.a_w)
+        if not counted:
+            self.a_w.add_(v - w, alpha=relaxation)
+            return []
+        before = self.a_w.clone()
+        self.a_w.add_(v - w, alpha=relaxation)
+        self._linear.renew_residual()
+        return [_sums(v, (self.a_w, proximal(self.a_w)), (before, w))]
 
 
 @dataclass(frozen=True)

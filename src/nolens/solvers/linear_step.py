@@ -1,7 +1,7 @@
 """The linear step that has the measurement in it: preconditioned conjugate gradients."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
@@ -94,17 +94,18 @@ class LinearStep:
         """
         form, cosines = self._form, self._cosines
         inverse, matrix = self._circulant.inverse(penalties), cosines.matrix(penalties)
+        prior = form.prior(penalties)
         wanted, residual = form.vector(target), self.residual
         amounts = matrix.solve(
             cosines.along_image(residual)
             + cosines.along(wanted)
             - cosines.along_prior(penalties, self._vector)
         )
-        self._vector = v = self._vector + cosines.sum(amounts)
+        self._vector = v = form.moved(self._vector, cosines.sum(amounts))
         residual -= cosines.image(amounts)
         direction = image = before = product = None
         for _ in range(_INNER):
-            left = form.adjoint(residual).add_(wanted).sub_(form.prior(penalties, v))
+            left = form.adjoint(residual).add_(wanted).sub_(prior(v))
             ahead = form.filtered(left, inverse)
             missed = cosines.along(left) - cosines.along_prior(penalties, ahead)
             if cosines.pulls is None:
@@ -127,7 +128,7 @@ class LinearStep:
                     new.add_(old, alpha=turn) for new, old in ((ahead, direction), (light, image))
                 )
             before, product = left, slope
-            bend = dot(image, image) + form.dot(direction, form.prior(penalties, direction))
+            bend = dot(image, image) + form.dot(direction, prior(direction))
             length = float(form.dot(left, direction) / bend.clamp_min(_TINY))
             v.add_(direction, alpha=length)
             residual.sub_(image, alpha=length)
@@ -166,6 +167,10 @@ class _Pixels:
         """That of a scene."""
         return scene
 
+    def moved(self, vector: Tensor, step: Tensor) -> Tensor:
+        """The vector of a `LinearStep` and a step of it; a scene's memory stays as it is."""
+        return vector + step
+
     def scene(self, vector: Tensor) -> Tensor:
         """That of a vector."""
         return vector
@@ -200,21 +205,25 @@ class _Pixels:
         product = rfft2_window(vector, geometry.scene[:2], geometry.padded).mul_(spectrum)
         return irfft2_window_(product, geometry.scene, geometry.padded)
 
-    def prior(self, penalties: Penalties, vector: Tensor) -> Tensor:
-        """(μ₂Ψ*Ψ + μ₃) v: four times each pixel, less its neighbours; zero around the scene."""
+    def prior(self, penalties: Penalties) -> Callable[[Tensor], Tensor]:
+        """V ↦ (μ₂Ψ*Ψ + μ₃) v: four times each pixel, less its neighbours; zero around the scene."""
         _, second, third = penalties
         if not self._varied:
-            return third * vector
-        part = (4 * second + third) * vector
-        for axis, around in zip((-2, -1), self._first, strict=True):
-            length = vector.shape[axis]
-            inner = (axis, 0, length - 1), (axis, 1, length - 1)
-            for one, other in (inner, inner[::-1]):
-                part.narrow(*one).sub_(vector.narrow(*other), alpha=second)
-            if around == 0:  # The scene is the whole padded shape, and goes around.
-                part.narrow(axis, 0, 1).sub_(vector.narrow(axis, length - 1, 1), alpha=second)
-                part.narrow(axis, length - 1, 1).sub_(vector.narrow(axis, 0, 1), alpha=second)
-        return part
+            return lambda vector: third * vector
+
+        def of(vector: Tensor) -> Tensor:
+            part = (4 * second + third) * vector
+            for axis, around in zip((-2, -1), self._first, strict=True):
+                length = vector.shape[axis]
+                inner = (axis, 0, length - 1), (axis, 1, length - 1)
+                for one, other in (inner, inner[::-1]):
+                    part.narrow(*one).sub_(vector.narrow(*other), alpha=second)
+                if around == 0:  # The scene is the whole padded shape, and goes around.
+                    part.narrow(axis, 0, 1).sub_(vector.narrow(axis, length - 1, 1), alpha=second)
+                    part.narrow(axis, length - 1, 1).sub_(vector.narrow(axis, 0, 1), alpha=second)
+            return part
+
+        return of
 
 
 class _Images:
@@ -307,6 +316,10 @@ class _Spectrum(_Pixels):
         """That of a scene."""
         return rfft2(scene)
 
+    def moved(self, vector: Tensor, step: Tensor) -> Tensor:
+        """The same, in the vector's memory."""
+        return vector.add_(step)
+
     def scene(self, vector: Tensor) -> Tensor:
         """That of a vector."""
         return irfft2(vector, self._geometry.padded)
@@ -351,13 +364,14 @@ class _Spectrum(_Pixels):
         """The scene's pixels of a scene times a real half spectrum."""
         return vector * spectrum
 
-    def prior(self, penalties: Penalties, vector: Tensor) -> Tensor:
-        """(μ₂Ψ*Ψ + μ₃) v."""
+    def prior(self, penalties: Penalties) -> Callable[[Tensor], Tensor]:
+        """V ↦ (μ₂Ψ*Ψ + μ₃) v."""
         _, second, third = penalties
         if not self._varied:
-            return third * vector
+            return lambda vector: third * vector
         rows, columns = self._steps
-        return vector * ((second * rows + third) + second * columns)
+        weights = (second * rows + third) + second * columns
+        return lambda vector: vector * weights
 
 
 def steps_power(height: int, width: int) -> tuple[Tensor, Tensor]:
