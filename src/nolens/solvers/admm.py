@@ -22,12 +22,15 @@ _DATA_STEP_TOLERANCE = 1.5
 `scene_tolerance`: the picture's last steps there are noise that comes to rest."""
 _BYTES_PER_PIXEL = 60
 """Held in the first and the last step, where a run holds most, per pixel of the padded shape."""
-_DATA_STEP_BYTES_PER_PIXEL = 100
+_DATA_STEP_BYTES_PER_PIXEL, _LINEAR_STEP_BYTES_PER_PIXEL = 35, 45
+"""Held where the measurement is in the linear step: of all channels, and of that in work."""
 
 
-def admm_bytes(pixels: float, *, low_frequency: bool = False) -> float:
-    """Most memory that a run holds at once, for so many `Problem.padded_pixels`."""
-    return pixels * (_DATA_STEP_BYTES_PER_PIXEL if low_frequency else _BYTES_PER_PIXEL)
+def admm_bytes(pixels: float, channels: int, *, low_frequency: bool = False) -> float:
+    """Most memory that a run holds at once, for so many `Problem.padded_pixels` of all channels."""
+    if not low_frequency:
+        return pixels * _BYTES_PER_PIXEL
+    return pixels * (_DATA_STEP_BYTES_PER_PIXEL + _LINEAR_STEP_BYTES_PER_PIXEL / channels)
 
 
 class AdmmRun:

@@ -256,7 +256,7 @@ class Reconstructor:
         if self.method is Method.FISTA:
             return fista_bytes(pixels) + field
         stop = self.stop or _STOP[self.method]
-        fused = admm_bytes(pixels, low_frequency=stop.low_frequency or points > 0)
+        fused = admm_bytes(pixels, channels, low_frequency=stop.low_frequency or points > 0)
         prior = scene_prior(self.prior)
         if isinstance(prior, PlugAndPlay):
             own = plug_and_play_bytes(pixels, prior.network)
