@@ -229,7 +229,7 @@ class SimulatedTarget(ABC, Generic[Value]):
         support, (rows, columns) = self.support(twin), twin.shape
         pixels = (rows + support.height) * (columns + support.width)
         # Channels are solved for one by one.
-        return psf + admm_bytes(pixels, 1) + _BYTES_PER_PIXEL * pixels
+        return psf + admm_bytes(pixels, 1, rows * columns) + _BYTES_PER_PIXEL * pixels
 
 
 @dataclass(frozen=True)

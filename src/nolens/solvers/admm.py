@@ -22,15 +22,31 @@ _DATA_STEP_TOLERANCE = 1.5
 `scene_tolerance`: the picture's last steps there are noise that comes to rest."""
 _BYTES_PER_PIXEL = 60
 """Held in the first and the last step, where a run holds most, per pixel of the padded shape."""
-_DATA_STEP_BYTES_PER_PIXEL, _LINEAR_STEP_BYTES_PER_PIXEL = 35, 45
-"""Held where the measurement is in the linear step: of all channels, and of that in work."""
+_DATA_STEP_BYTES_PER_PIXEL, _LINEAR_STEP_BYTES_PER_PIXEL, _IMAGE_BYTES_PER_VALUE = 26, 40, 36
+"""Held where the measurement is in the linear step: of all channels, of that in work, and per value
+of the measurement."""
 
 
-def admm_bytes(pixels: float, channels: int, *, low_frequency: bool = False) -> float:
-    """Most memory that a run holds at once, for so many `Problem.padded_pixels` of all channels."""
+def admm_bytes(
+    pixels: float, channels: int, values: float, *, low_frequency: bool = False
+) -> float:
+    """Most memory that a run holds at once.
+
+    Parameters
+    ----------
+    pixels
+        `Problem.padded_pixels`, of all channels.
+    channels
+        Their number.
+    values
+        Of the measurement.
+    low_frequency
+        Whether the measurement is in the linear step.
+    """
     if not low_frequency:
         return pixels * _BYTES_PER_PIXEL
-    return pixels * (_DATA_STEP_BYTES_PER_PIXEL + _LINEAR_STEP_BYTES_PER_PIXEL / channels)
+    each = _DATA_STEP_BYTES_PER_PIXEL + _LINEAR_STEP_BYTES_PER_PIXEL / channels
+    return pixels * each + values * _IMAGE_BYTES_PER_VALUE
 
 
 class AdmmRun:

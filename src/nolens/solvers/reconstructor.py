@@ -77,6 +77,8 @@ _BEFORE_TURNS = 3.0
 """What it is multiplied by where turns of a network on larger pixels follow, of many."""
 _FIELD_BYTES = 10
 """Of a field point, per pixel of the padded shape: its PSF and its transfer."""
+_COPIES_BYTES = 28
+"""Of measurement and PSF as they were read and developed, per value of the measurement."""
 _OWN_PRIOR_BYTES = 170
 """Held in a run with a prior of one's own, per pixel of the padded shape."""
 _SUPPORT_PIXELS, _SUPPORT_BY = 130_000, 4
@@ -249,14 +251,17 @@ class Reconstructor:
             If the support is none, or no light from it reaches the sensor.
         """
         pixels, points = self._padded_pixels(channels, sensor), self._field_points
+        values = channels * math.prod(sensor)
+        copies = _COPIES_BYTES * values
         if self.method is Method.WIENER:
-            return wiener_bytes(pixels)
+            return wiener_bytes(pixels) + copies
         each = _FIELD_BYTES - (TRANSFER_BYTES if self.mapped else 0)
-        field = each * points * pixels
+        field = each * points * pixels + copies
         if self.method is Method.FISTA:
             return fista_bytes(pixels) + field
         stop = self.stop or _STOP[self.method]
-        fused = admm_bytes(pixels, channels, low_frequency=stop.low_frequency or points > 0)
+        in_step = stop.low_frequency or points > 0
+        fused = admm_bytes(pixels, channels, values, low_frequency=in_step)
         prior = scene_prior(self.prior)
         if isinstance(prior, PlugAndPlay):
             own = plug_and_play_bytes(pixels, prior.network)
