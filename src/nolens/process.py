@@ -26,9 +26,9 @@ def prepare() -> None:
     takes a quarter of a second. glibc hands freed memory back to the system and takes it anew,
     page by page and zeroed: that was a fifth of a draft's time, and a third of a photo's where
     light may come from everywhere at the paper's size. Here it is kept for the next array, if
-    that has 64 MiB at most; holes between arrays are a few per cent more memory for such a photo, as
-    `__main__` sees to it that the next one fits. torch's arrays have large pages, where the system
-    gives those to who asks.
+    that has 64 MiB at most. Holes between arrays are a few per cent more memory for such a photo,
+    as `__main__` sees to it that the next one fits. torch's arrays have large pages, where the
+    system gives those to who asks.
     OpenMP's threads spin while they wait for each other, and keep the core from the one that they
     wait for: beside other programs, a picture then takes up to ten times as long.
     """
