@@ -158,7 +158,7 @@ class AdmmState:
         for channel, each in enumerate(scenes):
             scene = problem.forward.embed(each)
             if problem.in_linear_step:
-                measured = problem.forward.single(channel)(each[None])[0]
+                measured = problem.single(channel).forward(each[None])[0]
             else:
                 measured = irfft2(rfft2(scene) * problem.transfer(channel), padded)
             if problem.varied:
