@@ -8,8 +8,8 @@ from nolens.interrupt import catch, ignore
 _TUNABLES, _TUNABLE = "GLIBC_TUNABLES", "glibc.malloc.tcache_count"
 
 
-def _restart() -> None:
-    """Begin again, in this process, with what glibc reads only at the beginning.
+def begin_again() -> None:
+    """Begin the command again, in this process, with what glibc reads only at the beginning.
 
     torch asks for arrays at multiples of 64 bytes, and a few bytes beside each are left over. glibc
     keeps such small pieces at hand for each thread; an array that is freed then leaves a hole in
@@ -28,13 +28,12 @@ def _restart() -> None:
         return
 
 
-# Before anything is loaded: this module is the command's alone.
-catch()
-_restart()
+catch()  # Before anything is loaded: this module is the command's alone.
 
 
 def main() -> None:
     """Run the command and leave with its exit code."""
+    begin_again()
     from nolens.cli.main import main as command
 
     try:

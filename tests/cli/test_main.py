@@ -1,17 +1,19 @@
 """The command begins again, in its process, with what glibc reads only at the beginning."""
 
 import os
-import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from running import command
 
-TELLS = """
+from nolens import __version__
+
+AT_EVERY_START = """
 import os, sys
-begun = os.environ.setdefault("BEGUN", str(os.getpid()))
-import nolens.__main__
-print(begun == str(os.getpid()), os.environ["GLIBC_TUNABLES"], *sys.argv[1:])
+print(os.getpid(), os.environ.get("GLIBC_TUNABLES"), file=sys.stderr)
 """
+OURS = "glibc.malloc.tcache_count=0"
 
 
 def has_glibc() -> bool:
@@ -23,16 +25,23 @@ def has_glibc() -> bool:
 
 @pytest.mark.skipif(not has_glibc(), reason="not glibc, or not Linux")
 @pytest.mark.parametrize(
-    ("own", "expected"),
+    ("own", "starts"),
     [
-        (None, "glibc.malloc.tcache_count=0"),
-        ("glibc.malloc.perturb=0", "glibc.malloc.perturb=0:glibc.malloc.tcache_count=0"),
-        ("glibc.malloc.tcache_count=7", "glibc.malloc.tcache_count=7"),
+        (None, ["None", OURS]),
+        ("glibc.malloc.perturb=0", ["glibc.malloc.perturb=0", f"glibc.malloc.perturb=0:{OURS}"]),
+        ("glibc.malloc.tcache_count=7", ["glibc.malloc.tcache_count=7"]),
     ],
 )
-def test_small_pieces_of_memory_are_not_kept(own: str | None, expected: str) -> None:
-    variables = {key: each for key, each in os.environ.items() if key != "GLIBC_TUNABLES"}
-    variables |= {} if own is None else {"GLIBC_TUNABLES": own}
-    arguments = [sys.executable, "-c", TELLS, "a b", "--c"]
-    done = subprocess.run(arguments, env=variables, capture_output=True, text=True, check=True)
-    assert done.stdout == f"True {expected} a b --c\n"
+def test_small_pieces_of_memory_are_not_kept(
+    own: str | None, starts: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(AT_EVERY_START)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.delenv("GLIBC_TUNABLES", raising=False)
+    if own is not None:
+        monkeypatch.setenv("GLIBC_TUNABLES", own)
+    done = command("--version")
+    assert (done.code, done.out) == (0, f"{__version__}\n")
+    processes, tunables = zip(*(line.split(" ") for line in done.err.splitlines()), strict=True)
+    assert list(tunables) == starts
+    assert len(set(processes)) == 1
