@@ -57,7 +57,7 @@ def test_one_json_object_is_printed(
     camera: Camera, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     png = tmp_path / "out.png"
-    asked = ("--psf", camera.psf, "-o", png, "--iterations", 7, "--tolerance", 0)
+    asked = ("--psf", camera.psf, "-o", png, "--prior", "tv", "--iterations", 7, "--tolerance", 0)
     for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
         monkeypatch.setenv(name, "1")
     done = run("reconstruct", camera.raw, *asked, "--json")

@@ -36,7 +36,11 @@ def test_detail_divides_the_automatic_weight(camera: Camera, out: Path) -> None:
     )
 
 
-def test_pictures_of_a_sweep_are_those_of_its_values_alone(camera: Camera, tmp_path: Path) -> None:
+@pytest.mark.parametrize("more", [(), ("--iterations", 32)])
+def test_pictures_of_a_sweep_are_those_of_its_values_alone(
+    more: tuple[object, ...], camera: Camera, tmp_path: Path
+) -> None:
+    """By the trained prior, and by total variation."""
     png, tif = tmp_path / "out.png", tmp_path / "out.tif"
     asked = (
         "reconstruct",
@@ -45,8 +49,7 @@ def test_pictures_of_a_sweep_are_those_of_its_values_alone(camera: Camera, tmp_p
         camera.psf,
         "--support",
         SUPPORT,
-        "--iterations",
-        32,
+        *more,
     )
     done = run(*asked, "-o", png, "-o", tif, "--sweep", "tau")
     assert done.code == 0, done.err

@@ -13,6 +13,7 @@ from PIL import Image
 from running import check_refused, run
 
 import nolens as nl
+from nolens.errors import OptionError
 from nolens.files import read_frame
 from nolens.files.weights import denoiser, sha256_of_weights, write_weights
 from nolens.jobs.reconstruction.options import ReconstructOptions
@@ -58,16 +59,23 @@ def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Pat
         ({"method": "fista"}, "auto"),
         ({"tau": 1e-4}, "auto"),
         ({"iterations": 20}, "auto"),
-        ({"sweep": "tau"}, "auto"),
+        ({"sweep": "tau"}, "denoiser"),
+        ({"sweep": "method"}, "auto"),
         ({"measurement": "frames"}, "auto"),
     ],
 )
 def test_prior_of_a_photo(options: dict[str, object], prior: str, tmp_path: Path) -> None:
-    """A trained one, but where options speak of a minimiser, and of sequences."""
+    """A trained one, but where options speak of a minimiser, which is said, and of sequences."""
     (tmp_path / "frames").mkdir()
     files = {"measurement": "m.npy", "psf": "p.npy", "output": ("o.png",), **options}
     files["measurement"] = tmp_path / str(files["measurement"])
-    assert ReconstructOptions.model_validate(files).photo_prior == prior
+    asked = ReconstructOptions.model_validate(files)
+    assert asked.photo_prior == prior
+    note = asked.prior_note
+    if prior == "auto" and not asked.is_sequence:
+        assert note is not None and f"because of --{next(iter(options))}:" in note
+    else:
+        assert note is None
 
 
 def test_the_default_is_trained(camera: Camera, tmp_path: Path) -> None:
@@ -85,6 +93,24 @@ def test_the_default_is_trained(camera: Camera, tmp_path: Path) -> None:
     assert "plug-and-play" in str(photograph.report)
     minimised = nl.reconstruct(camera.raw, camera.psf, support=(24, 32), quality="exact")
     assert minimised.result.first is None
+    assert any("because of quality" in each for each in minimised.notes)
+    with pytest.raises(OptionError, match="ridge"):
+        nl.reconstruct(camera.raw, camera.psf, support=(24, 32), quality="exact", prior="denoiser")
+
+
+def test_detail_and_exactness_of_the_ridge(camera: Camera) -> None:
+    """More detail is a weaker ridge, and exact holds for it, not only for where it starts."""
+    asked: dict[str, Any] = {"support": (24, 32), "prior": "ridge"}
+    smooth, plain, rough = (
+        nl.reconstruct(camera.raw, camera.psf, detail=detail, **asked).values.diff().abs().mean()
+        for detail in (0.2, 1.0, 5.0)
+    )
+    assert 1.05 * smooth < plain < rough / 1.05
+    exact = nl.reconstruct(camera.raw, camera.psf, quality="exact", **asked).result
+    last = exact.history[-1]
+    assert exact.stop_reason == "converged"
+    assert max(last["primal_residual"], last["dual_residual"]) <= 1e-4
+    assert exact.first is not None and exact.first.iterations <= 200
 
 
 def test_many_pixels_are_by_total_variation(
@@ -138,7 +164,7 @@ def test_weights_of_ones_own(camera: Camera, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (("--prior", "mine.txt"), ("--prior", "ridge, denoiser, unrolled", ".npz")),
+        (("--prior", "mine.txt"), ("--prior", "'ridge', 'denoiser' or 'unrolled'", ".npz")),
         (("--prior", "nowhere.npz"), ("nowhere.npz",)),
         (("--prior", "photo.npz"), ("photo.npz", "nolens train")),
         (("--prior", "denoiser", "--method", "wiener"), ("Wiener filter", "trained prior")),

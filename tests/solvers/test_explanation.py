@@ -114,6 +114,9 @@ def test_files_that_are_exchanged() -> None:
 def test_what_noise_hides_and_what_is_too_small_to_judge() -> None:
     psf = mask_psf()
     assert said(psf.flip(-1), measured(psf, 3.0)) == ""
+    dark = measured(psf)
+    dark = replace(dark, values=torch.randn(dark.values.shape) + 256)
+    assert "raw shows nothing of a scene above its noise" in said(psf, dark, None)
     data = measured(psf)
     small = replace(data, values=data.values[:, :20, :20], valid=data.valid[:, :20, :20])
     assert explain(Reconstructor(psf, None, tau=1e-4), small, None, "psf").prediction is None
@@ -139,6 +142,11 @@ def test_what_is_said_of_a_picture() -> None:
     text = said_of(None, values, early)
     assert "8 iterations" in text and "--support" in text
     assert said_of(None, values) == said_of(SUPPORT, values) == ""
+    # A network makes a number of turns that is known, and iterations would leave it out.
+    problem = Reconstructor(psf, None, tau=1e-4).problem(values)
+    first = Reconstructor(psf, None, tau=1e-4, stop=early).solve(problem)
+    (of_network,) = picture_warnings(problem, replace(first, first=first), psf, None)
+    assert "8 iterations" in of_network and "--iterations" not in of_network
     wide = CroppedConvolution(psf, SENSOR, None)
     everywhere = wide(torch.ones(1, *wide.geometry.scene[2:])) + values
     soon = Stop(16, 0.0, 0.0, low_frequency=True)

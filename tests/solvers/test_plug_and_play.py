@@ -252,8 +252,8 @@ def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     assert strengths.count(strength) == len(prior.spreads)
     away, moved = (float((last.scene - each).norm()) for each in (result.scene, first.scene))
     assert away < 0.2 * moved
-    # Detail is a factor on the choice, which does not make up for it.
-    finer = replace(prior, detail=2.0).solve(problem, first)
+    # Detail is a factor on the weight, its square, of the choice, which does not make up for it.
+    finer = replace(prior, detail=4.0).solve(problem, first)
     assert finer.history[-1]["penalty_1"] == pytest.approx(strength / 2)
     truth = scene / Fit(problem, first.scene).white
     monkeypatch.setattr("nolens.solvers.plug_and_play.denoise", lambda *_, **__: truth)

@@ -1,6 +1,7 @@
 """The figures of a report, against a Gaussian PSF of which all is known."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -71,6 +72,12 @@ def test_figures_and_lines() -> None:
     held_out = report(Prediction(0.35, 1.0, 0.1), 2e-3)
     assert "12 % of the local contrast of held-out pixels" in dict(held_out.lines)["unexplained"]
     assert "noise alone would be 1 % (χ² 12)" in dict(held_out.lines)["unexplained"]
+    row = {"iteration": 4.0, "primal_residual": 1e-2, "dual_residual": 1e-2}
+    for change, still in ((1e-4, True), (1e-2, False)):
+        history = [{**row, "scene_change": change}]
+        result = replace(result, stop_reason="iteration limit", history=history)
+        run = dict(report(None, None).lines)["run"]
+        assert "iteration limit" in run and ("hardly changes" in run) == still
     summary = held_out.summary()
     assert summary["resolution_mrad"] == pytest.approx(2 * summary["resolution_pixels"])
     assert "mrad" in dict(held_out.lines)["resolution"]

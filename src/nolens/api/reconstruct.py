@@ -48,7 +48,7 @@ from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
 from nolens.solvers.result import window_of
-from nolens.solvers.scene_prior import PHOTO_PRIOR, SLOW_PRIOR, ScenePrior
+from nolens.solvers.scene_prior import PHOTO_PRIOR, SLOW_PRIOR, ScenePrior, by_total_variation
 from nolens.solvers.uncertainty import detail_warning
 from nolens.solvers.uncertainty import uncertainty as measure_uncertainty
 
@@ -158,7 +158,8 @@ def reconstruct(
         Weight of the prior, which means the same at any binning, support and number of channels;
         None chooses it by pixels that are left out of the fit.
     detail
-        What the automatic `tau` is divided by: 2 shows more detail and more noise.
+        What the automatic `tau`, and the strength of a prior that follows it, are divided by: 2
+        shows more detail and more noise.
     prior
         ``"tv"``, ``"colour-tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``. ``"ridge"``,
         ``"denoiser"`` and ``"unrolled"`` are trained, and the path of an .npz is one that you
@@ -188,7 +189,7 @@ def reconstruct(
             f"detail {detail:g} is a factor on the automatic tau, and tau {tau:g} is a number: "
             "leave one out"
         )
-    solver, spare = _solver(
+    solver, spare, of_prior = _solver(
         method, quality, tau, trained_prior(prior), iterations, tolerance, device
     )
     frame, own = _measured(measurement, bin_by)
@@ -272,6 +273,7 @@ def reconstruct(
         *prepared.notes,
         *of_memory,
         *([SLOW_PRIOR] if slow else []),
+        *([] if of_prior is None else [of_prior]),
     )
     doubt = detail_warning(result, report.frequency)
     warnings = (
@@ -456,8 +458,10 @@ def _solver(
     iterations: int | None,
     tolerance: float | None,
     device: torch.device | str,
-) -> tuple[Reconstructor, int]:
-    """The solver, still without a PSF, and how much finer than the PSF pixels are worth to be."""
+) -> tuple[Reconstructor, int, str | None]:
+    """The solver, still without a PSF; how much finer than the PSF pixels are worth to be; and what
+    is said of its prior.
+    """
     if method is not None and quality is not None:
         raise OptionError(
             f"method {method} and quality {quality} both choose how to solve: leave one out"
@@ -468,8 +472,17 @@ def _solver(
     else:
         solver = Method.ADMM if method is None else one_of(Method, method, "method")
     stop = stop_of(solver, preset, iterations=iterations, tolerance=tolerance)
-    minimised = solver is not Method.ADMM or preset not in (None, Quality.PHOTO)
-    if prior == Prior.AUTO and not minimised and tau is iterations is tolerance is None:
-        prior = PHOTO_PRIOR
+    note = None
+    if prior == Prior.AUTO:
+        minimiser = {
+            "method": solver is not Method.ADMM and preset is None,
+            "quality": preset not in (None, Quality.PHOTO),
+            "tau": tau is not None,
+            "iterations": iterations is not None,
+            "tolerance": tolerance is not None,
+        }
+        note = by_total_variation([name for name, stated in minimiser.items() if stated])
+        prior = PHOTO_PRIOR if note is None else prior
     empty = torch.empty(0)
-    return Reconstructor(empty, None, tau, prior, solver, stop, device=device), SPARE[solver]
+    reconstructor = Reconstructor(empty, None, tau, prior, solver, stop, device=device)
+    return reconstructor, SPARE[solver], None if solver is Method.WIENER else note

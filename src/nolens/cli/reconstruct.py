@@ -24,6 +24,7 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         end = f"tau {summary['tau']:.3g}, {end}, {summary['seconds']:.1f} s on {summary['device']}"
         if "bands" in summary:
             return [f"{len(summary['bands'])} bands: {', '.join(summary['bands'])}", end]
+        end = _with_psfs(end, summary)
         depths = [at if isinstance(at, str) else f"{at:g} mm" for at in summary["depths_mm"]]
         light = zip(depths, summary["light_of_depths"], strict=True)
         return [
@@ -37,7 +38,7 @@ def _lines(summary: dict[str, Any]) -> list[str]:
             f"{video['frames']} frames of {1e3 * video['frame_s']:.3g} ms each; lines were exposed "
             f"for {1e3 * video['exposure_s']:.3g} ms",
             f"{summary['iterations']} iterations ({summary['stop_reason']}), tau "
-            f"{summary['tau']:.3g}, {end}",
+            f"{summary['tau']:.3g}, {_with_psfs(end, summary)}",
         ]
     report = summary["report"]["lines"]
     width = max(len(name) for name, _ in report)
@@ -45,8 +46,15 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     if summary["automatic_support"] and summary["report"]["limited"]:
         lines[-2] += ": nowhere else does light show; --support full takes it from everywhere"
     if summary["automatic_tau"]:
-        lines[-1] += "; --detail 2 shows more detail, --detail 0.5 less noise"
+        detail = summary["detail"]
+        lines[-1] += f"; --detail {2 * detail:g} shows more detail, {detail / 2:g} less noise"
     return [*lines, *(_sweep_line(row) for row in summary.get("sweep", ()))]
+
+
+def _with_psfs(text: str, summary: dict[str, Any]) -> str:
+    """With how many PSFs over the field there were, where there were several."""
+    psfs = summary["field_points"]
+    return f"{text}, {psfs} PSFs over the field" if psfs > 1 else text
 
 
 def _sweep_line(row: dict[str, Any]) -> str:

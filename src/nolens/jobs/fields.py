@@ -160,8 +160,8 @@ ChosenTau = Annotated[
 Detail = Annotated[
     Annotated[float, Between(0.01, 100)],
     Option(
-        "How much detail: the automatic τ is divided by it. 2 shows more detail and more noise, "
-        "0.5 less of both.",
+        "How much detail: the automatic τ, and a trained prior's own weight, are divided by it. 2 "
+        "shows more detail and more noise, 0.5 less of both.",
         label="Detail",
     ),
 ]
@@ -315,9 +315,7 @@ ScenePrior = Annotated[Prior, _PRIOR]
 
 def _weights(path: Path) -> Path:
     if path.suffix.lower() != ".npz":
-        raise refusal(
-            f"give one of {', '.join(PRIORS)}, or an .npz of weights that nolens train wrote"
-        )
+        raise refusal("an .npz of weights that nolens train wrote")
     return path
 
 
@@ -327,9 +325,11 @@ else:
     AnyPrior = Annotated[
         Literal[PRIORS] | Annotated[FilePath, AfterValidator(_weights)],
         Option(
-            "What the scene is assumed to be like. auto: denoiser for a photo, and total variation "
-            "for a sequence and where another option is about how to minimise. ridge, denoiser and "
-            "unrolled are trained; an .npz is one that you trained (nolens train).",
+            "What the scene is assumed to be like: tv is total variation, colour-tv that of the "
+            "colours together, isotropic-tv that of all directions, l1 few bright points, none "
+            "nothing; ridge, denoiser and unrolled are trained, and so is an .npz of your own "
+            "(nolens train). auto: denoiser for a photo, and total variation for a sequence and "
+            "where another option is about how to minimise.",
             SOLVER,
             label="Prior",
         ),

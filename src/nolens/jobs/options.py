@@ -437,13 +437,18 @@ def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = 
         For options from a file, that file.
     """
     by_option: dict[str, list[str]] = {}
-    for each in error.errors(include_url=False):
+    errors = error.errors(include_url=False)
+    places = [each["loc"] for each in errors]
+    for each in errors:
+        # A list whose only item is wrong is called empty as well.
+        if any(place != each["loc"] == place[: len(each["loc"])] for place in places):
+            continue
         name = str(each["loc"][0]) if each["loc"] else ""
         if sources and name in sources:
             what = f"{name} in {sources[name]}"
         else:
             what = f"--{name.replace('_', '-')}"
-        message = each["msg"][:1].lower() + each["msg"][1:]
+        message = each["msg"][:1].lower() + each["msg"][1:].partition(", unable to parse")[0]
         reasons = by_option.setdefault(f"{what} is {quoted(each['input'])}", [])
         reasons.append(message.removeprefix("input should be ") if reasons else message)
     return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in by_option.items())

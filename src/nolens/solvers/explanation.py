@@ -20,7 +20,7 @@ from nolens.solvers.held_out import Prediction, Weight, box_mean
 from nolens.solvers.inputs import support_of, tensor_of
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.reconstructor import Method, Reconstructor, judged_side
-from nolens.solvers.result import Result, still_to_go
+from nolens.solvers.result import Result, stands_still
 
 _WELL = 0.97
 """Explained fraction of the signal from which nothing is tried."""
@@ -34,6 +34,8 @@ _FAIRLY = 0.8
 """Explained fraction that no support must reach to be named."""
 _BURIED = 0.5
 """Fraction of the contrast that is noise, above which nothing can be told."""
+_ALL = 0.95
+"""The same, above which all of it may be noise."""
 _UNKNOWN = (
     ": was the camera refocused or moved, is it the PSF of another camera, or the measurement a "
     "picture that a program developed? Give files as the sensor measured them, with the same "
@@ -44,10 +46,6 @@ _DARK = 1e-6
 """Of the PSF's peak, added against division by zero."""
 _BESIDE = 0.1
 """Fraction of the light that comes from beside the sensor's frame where a scene fills the view."""
-_MOVES = 0.1
-"""Relative distance that a picture still has to go, from which more iterations are advised."""
-_STEP = 1e-3
-"""Relative change of the picture in an iteration, below which it stands still."""
 
 _OTHERS = (Prior.NONE, Prior.COLOUR_TV)
 """Priors that say nothing of one channel."""
@@ -189,9 +187,7 @@ def picture_warnings(
     """
     if iterations is not None or not result.history or result.stop_reason == "callback":
         return ()
-    # Turns of a network are of a number that is known.
-    iterated = result if result.first is None else result.first
-    texts = (_filled_view_warning(problem, result, psf), _unfinished_warning(problem, iterated))
+    texts = (_filled_view_warning(problem, result, psf), _unfinished_warning(problem, result))
     return tuple(text for text in texts if text is not None)
 
 
@@ -214,15 +210,20 @@ def _filled_view_warning(problem: Problem, result: Result, psf: Tensor) -> str |
 
 
 def _unfinished_warning(problem: Problem, result: Result) -> str | None:
-    if result.stop_reason != "iteration limit":
+    # Turns of a network are of a number that is known; with --iterations there would be none.
+    minimised = result.first is None
+    iterated = result.first or result
+    if iterated.stop_reason != "iteration limit" or stands_still(iterated.history):
         return None
-    step = result.history[-1]["scene_change"]
-    if step <= _STEP or still_to_go(result.history) <= _MOVES:
-        return None
-    support = "" if problem.forward.support else "a support of the scene (--support), "
+    remedies = [
+        *([] if problem.forward.support else ["a support of the scene (--support)"]),
+        "larger pixels (--bin 2)",
+        *(["more --iterations"] if minimised else []),
+    ]
+    step = iterated.history[-1]["scene_change"]
     return (
-        f"the limit of {result.iterations} iterations was reached while the picture still changes "
-        f"by {percent(step)} in each: {support}larger pixels (--bin 2) or more --iterations help"
+        f"the limit of {iterated.iterations} iterations was reached while the picture still "
+        f"changes by {percent(step)} in each: {' or '.join(remedies)} would help"
     )
 
 
@@ -261,7 +262,11 @@ class _Trials:
     def cause(self, psf_source: str) -> str | None:
         """The sentence for a measurement that is badly explained; None where it is not."""
         now = self._solver.predict(self._data, self._valid)
-        if now is None or now.unexplained_by_noise > _BURIED or now.explained >= _WELL:
+        if now is None or now.explained >= _WELL:
+            return None
+        if now.unexplained_by_noise > _ALL and not now.explains_anything:
+            return self._nothing()
+        if now.unexplained_by_noise > _BURIED:
             return None
         badly = now.explains_less(_BADLY)
         if badly and has_finer_detail(self._data, self._psf):
@@ -277,6 +282,14 @@ class _Trials:
             f"{percent(now.unexplained)} of the local contrast of the measurement "
             f"{self._measurement.source} is not explained by the PSF {psf_source}, and noise alone "
             f"would be {percent(now.unexplained_by_noise)}{remedy}"
+        )
+
+    def _nothing(self) -> str:
+        """What is said where nothing but noise is seen."""
+        return (
+            f"the measurement {self._measurement.source} shows nothing of a scene above its noise: "
+            "is it a dark frame? Otherwise take it with more light or a longer exposure, or "
+            "average several frames"
         )
 
     def _exchange(self, now: Prediction) -> str | None:

@@ -151,6 +151,11 @@ class Prediction:
         return excess > _LIKELY * error
 
     @property
+    def explains_anything(self) -> bool:
+        """Whether it predicts its blocks better than no scene does, by two standard errors."""
+        return are_likely_less(self.blocks, self.dark_blocks)
+
+    @property
     def explained(self) -> float:
         """Fraction of what is not noise that it explains: 1 for a perfect scene, 0 for none."""
         return 1 - self.missed

@@ -305,7 +305,8 @@ class PlugAndPlay:
     facts
         What a record says of it: the prior, and the hash of its weights.
     detail
-        What the strength that is chosen is divided by: 2 shows more detail and more noise.
+        What the prior's weight, q² of the strength that is chosen, is divided by: 2 shows more
+        detail and more noise.
     refinement
         Makes the last picture of the last turn's; None leaves that.
     """
@@ -385,6 +386,7 @@ class PlugAndPlay:
             If a picture is NaN or infinite.
         """
         scene, pixels, done = first.scene, problem, first.iterations
+        weaker = math.sqrt(self.detail)
         few = coarse is not None and takes_few_turns(problem)
         prior = replace(self, spreads=self.spreads[::-2][::-1]) if few else self
 
@@ -418,7 +420,7 @@ class PlugAndPlay:
         def checks() -> Iterator[Progress]:
             photograph, error = first.scene, None
             if coarse is not None:
-                turns = prior.turns(coarse.problem, photograph, _STRENGTH / self.detail)
+                turns = prior.turns(coarse.problem, photograph, _STRENGTH / weaker)
                 yield from run(coarse.problem, photograph, turns)
                 error = coarse.model_error(photograph, problem)
                 photograph = latest() * problem.scale
@@ -429,7 +431,7 @@ class PlugAndPlay:
                 strength = strength if trial is None else trial.strength
             if self.detail != 1 or (trial is not None and trial.number + 1 == len(self.spreads)):
                 trial = None  # With another strength, or no turn left for the pixels that were out.
-            turns = prior.turns(problem, photograph, strength / self.detail, fit, trial)
+            turns = prior.turns(problem, photograph, strength / weaker, fit, trial)
             start = photograph if trial is None else trial.scene
             last = yield from run(problem, start, turns)
             if self.refinement is not None and last is not None:

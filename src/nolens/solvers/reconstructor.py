@@ -46,7 +46,7 @@ from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
 from nolens.solvers.scene_edges import NO_EDGES
-from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
+from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with, weaker
 from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.trained_stream import TURNS, TrainedStream
@@ -232,10 +232,17 @@ class Reconstructor:
         chosen
             By `choose_weight`.
         detail
-            What the weight is divided by; for a network, its strength.
+            What the weight is divided by, and that of a trained prior or one's own.
         """
-        prior = self.prior if self.network is None else replace(self.network, detail=detail)
-        return replace(self, tau=chosen.tau / detail, prior=prior)
+        prior = scene_prior(self.prior)
+        if isinstance(prior, PlugAndPlay):
+            prior = replace(prior, detail=detail)
+        elif isinstance(prior, RidgePrior):
+            prior = replace(prior, strength=prior.strength / detail)
+        elif not isinstance(prior, Prior) and detail != 1:
+            prior = weaker(prior, detail)
+        own = self.prior if isinstance(prior, Prior) else prior
+        return replace(self, tau=chosen.tau / detail, prior=own)
 
     def working_bytes(self, channels: int, sensor: tuple[int, int]) -> float:
         """Most memory that a solve holds at once, without files; before any of it is allocated.
@@ -470,6 +477,11 @@ class Reconstructor:
         values, usable = _parts(measured, valid)
         prior = scene_prior(self._prior)
         wiener_filter = self.method is Method.WIENER
+        if isinstance(prior, PlugAndPlay) and self.stop == STOPS[Quality.EXACT]:
+            raise OptionError(
+                "quality exact goes near to a minimum, and a network has none: leave it out, or "
+                "take another prior (ridge is trained and has one)"
+            )
         if wiener_filter and isinstance(prior, PlugAndPlay):
             raise OptionError(
                 "a trained prior follows a photograph by admm or fista, and the Wiener filter "
@@ -532,10 +544,17 @@ class Reconstructor:
             return wiener(problem)
         if isinstance(prior, PlugAndPlay):
             return self._with_network(prior, problem, state, callback)
-        result = self._minimum(problem, state, callback)
-        if isinstance(prior, Prior) or result.stop_reason == "callback":
-            return result
-        return solve_with(prior, problem, result, self.limits.iterations, callback)
+        if isinstance(prior, Prior):
+            return self._minimum(problem, state, callback)
+        stop = self.limits
+        started = self
+        if self.method is Method.ADMM and stop.tolerance > 0:  # A photo is enough to start from.
+            photo = STOPS[Quality.PHOTO]
+            started = replace(self, stop=replace(photo, low_frequency=stop.low_frequency))
+        first = started._minimum(problem, state, callback)
+        if first.stop_reason == "callback":
+            return first
+        return solve_with(prior, problem, first, stop, callback)
 
     def takes_minutes(self, channels: int, sensor: tuple[int, int]) -> bool:
         """Whether it has a network, and more pixels than that is quick with.

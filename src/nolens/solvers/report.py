@@ -11,7 +11,7 @@ from nolens.amounts import amount, duration_text, finite_or_none, percent
 from nolens.solvers.development import finest_detail
 from nolens.solvers.held_out import Prediction, fit, pixel_noise
 from nolens.solvers.problem import Problem
-from nolens.solvers.result import Result
+from nolens.solvers.result import Result, stands_still
 
 _CONTRAST = 0.1
 """Of the bars whose resolution is reported, to the mean radiance."""
@@ -125,7 +125,7 @@ class Report:
             automatic_support=automatic_support,
             method=method,
             iterations=result.iterations,
-            stop_reason="interrupted" if result.stop_reason == "callback" else result.stop_reason,
+            stop_reason=_reason(result),
             tau=problem.weight,
             automatic_tau=automatic_tau,
             seconds=seconds,
@@ -213,6 +213,16 @@ class Report:
             f"{self.method}, {points}{self.iterations} iterations ({self.stop_reason}), "
             f"τ {self.tau:.3g}{automatic}, {time} on {self.device}"
         )
+
+
+def _reason(result: Result) -> str:
+    """Why a run ended, as its line says it."""
+    if result.stop_reason == "callback":
+        return "interrupted"
+    iterated = result.first or result
+    if result.stop_reason == "iteration limit" and stands_still(iterated.history):
+        return "iteration limit; the picture hardly changes any more"
+    return result.stop_reason
 
 
 def resolved_frequency(problem: Problem, scene: Tensor, psf: Tensor, noise: float) -> float:

@@ -10,6 +10,10 @@ from torch import Tensor
 
 from nolens.errors import DivergenceError
 
+_STEP = 1e-3
+"""Relative change of the picture in an iteration, up to which it stands still."""
+_WAY = 0.1
+"""Relative distance that it still has to go, up to which that hardly matters."""
 StopReason = Literal["converged", "iteration limit", "callback", "one shot"]
 
 
@@ -229,6 +233,17 @@ def still_to_go(history: list[dict[str, float]]) -> float:
     span = now["iteration"] - before["iteration"]
     rate = math.pow(now["scene_change"] / before["scene_change"], 1 / span)
     return now["scene_change"] * rate / (1 - rate)
+
+
+def stands_still(history: list[dict[str, float]]) -> bool:
+    """Whether the picture hardly changes any more, or has hardly any way to go.
+
+    Parameters
+    ----------
+    history
+        Rows of the convergence checks (`Progress.row`), one or more.
+    """
+    return history[-1]["scene_change"] <= _STEP or still_to_go(history) <= _WAY
 
 
 def expected_end(history: list[dict[str, float]], tolerance: float) -> int | None:

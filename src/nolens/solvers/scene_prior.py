@@ -1,6 +1,6 @@
 """A prior of one's own for a photograph, and the photograph with it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from nolens.solvers.functionals import Functional, NonNegative
 from nolens.solvers.held_out import channel_noise
 from nolens.solvers.plug_and_play import PlugAndPlay
 from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.result import Callback, Progress, Result
+from nolens.solvers.result import Callback, Progress, Result, Stop
 from nolens.solvers.split_admm import split_admm
 
 ScenePrior = Callable[[Tensor], Functional]
@@ -34,8 +34,27 @@ PHOTO_PRIOR = "denoiser"
 """Of a photograph for which nothing else is said (decision 24)."""
 SLOW_PRIOR = (
     f"the photo is by total variation: of so many pixels the trained prior ({PHOTO_PRIOR}) takes "
-    f"minutes. State it to have it all the same (prior {PHOTO_PRIOR}), or take larger pixels (bin)"
+    f"minutes. State the prior {PHOTO_PRIOR} to have it all the same, or take larger pixels"
 )
+
+
+def by_total_variation(options: Sequence[str]) -> str | None:
+    """What is said where options leave no room for the trained prior; None without any.
+
+    Parameters
+    ----------
+    options
+        Their names.
+    """
+    if not options:
+        return None
+    which = "that" if len(options) == 1 else "these"
+    return (
+        f"the photo is by total variation because of {' and '.join(options)}: without {which} it "
+        f"is by the trained prior ({PHOTO_PRIOR})"
+    )
+
+
 _ADDED = Registry[Any](
     "nolens.priors",
     TRAINED,
@@ -80,8 +99,13 @@ PRIORS = (*(each.value for each in Prior), *_ADDED.names)
 """Names of those of nolens, and of those that other packages add."""
 
 
+def weaker(prior: ScenePrior, by: float) -> ScenePrior:
+    """A prior whose functional is divided by a number, for so much more detail."""
+    return lambda first: (1 / by) * prior(first)
+
+
 def solve_with(
-    prior: ScenePrior, problem: Problem, first: Result, iterations: int, callback: Callback | None
+    prior: ScenePrior, problem: Problem, first: Result, stop: Stop, callback: Callback | None
 ) -> Result:
     r"""The most probable scene: minimise ½Σ((b − Av)/σ)² + f(v) over v ≥ 0, from a first result.
 
@@ -96,8 +120,8 @@ def solve_with(
         What was solved for the first result.
     first
         Where to start from.
-    iterations
-        Limit.
+    stop
+        Its limit, and its tolerance: where that is 0, as for a photo, residuals of a thousandth.
     callback
         Sees the run, with scenes in the problem's units.
 
@@ -146,8 +170,8 @@ def solve_with(
         variance * functional,
         NonNegative(),
         start=start,
-        iterations=iterations,
-        tolerance=_TOLERANCE,
+        iterations=stop.iterations,
+        tolerance=stop.tolerance or _TOLERANCE,
         callback=None if callback is None else seen,
     )
     return replace(

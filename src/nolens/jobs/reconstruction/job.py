@@ -145,6 +145,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         "objective": result.objective,
         "tau": tau,
         "automatic_tau": options.tau == "auto",
+        "detail": options.detail,
         **setup.prior_facts,
         "report": report.summary(),
         "field_points": problem.forward.field_points,
@@ -229,8 +230,7 @@ def _sweep(run: Run[ReconstructOptions], setup: Setup, own: SweptPicture) -> lis
     others = [name for name in options.swept_names if name is not None]
     pictures: dict[str | None, SweptPicture] = {None: own}
     for number, name in enumerate(others):
-        changed = swept_options(options, name, sensor, own.tau, setup.prior)
-        varied = setup.varied(run, changed, psf)
+        varied = setup.varied(run, swept_options(options, name, sensor), psf)
         watch = partial(_watch_sweep, run, number, len(others), varied.reconstructor.limits)
         result = varied.reconstructor.solve(varied.problem, callback=watch)
         if result.stop_reason == "callback":
@@ -244,7 +244,7 @@ def _sweep(run: Run[ReconstructOptions], setup: Setup, own: SweptPicture) -> lis
 def _watch_sweep(
     run: Run[ReconstructOptions], number: int, count: int, stop: Stop, progress: Progress
 ) -> bool:
-    fraction = (number + progress.iteration / stop.iterations) / count
+    fraction = (number + progress.iteration / (progress.expected or stop.iterations)) / count
     return run.reporter.step("% of the sweep", round(100 * fraction), 100, "the pictures")
 
 

@@ -52,8 +52,12 @@ from nolens.operators import PixelRectangle
 from nolens.printable import quoted
 from nolens.ranges import Between
 from nolens.solvers import Method, Prior, Quality
-from nolens.solvers.scene_prior import PHOTO_PRIOR, PRIORS
+from nolens.solvers.scene_prior import PHOTO_PRIOR, PRIORS, by_total_variation
 
+FIRST_WEIGHT = (
+    "--tau is the weight of the photo by total variation that this prior starts from: --detail 2 "
+    "shows more of its own detail, --detail 0.5 less noise"
+)
 LESS_MEMORY = "a smaller --support or larger pixels (--bin) need less"
 _SWEPT: dict[str, tuple[str | None, ...]] = {
     "tau": ("x4", "x2", None, "x0.5", "x0.25"),
@@ -137,7 +141,7 @@ class ReconstructOptions(JobOptions):
 
     nolens reconstruct raw.dng --psf psf.dng -o out.png
 
-    nolens reconstruct raw.png --psf psf.png --black auto --tau 3e-5 -o out.png -o out.tif
+    nolens reconstruct raw.png --psf psf.png --black auto --detail 2 -o out.png -o out.tif
 
     nolens reconstruct frames/ --psf psf.dng -o pictures
 
@@ -251,7 +255,7 @@ class ReconstructOptions(JobOptions):
         Literal["tau", "method", "prior", "support"] | None,
         Option(
             "Also write pictures with other values of an option, and a sheet of them all, "
-            "out-sweep.png: tau (the chosen or stated one times 4, 2, 1/2, 1/4), method, prior or "
+            "out-sweep.png: tau (the weight of the prior times 4, 2, 1/2, 1/4), method, prior or "
             "support.",
             label="Compare",
         ),
@@ -547,15 +551,31 @@ class ReconstructOptions(JobOptions):
     @property
     def photo_prior(self) -> str | Path:
         """The prior of a picture: auto is a trained one, unless options speak of a minimiser."""
-        fields = type(self).model_fields
-        minimised = (
-            self.quality not in (None, Quality.PHOTO)
-            or self.is_sequence
-            or self.frames is not None
-            or self.sweep in ("tau", "method")
-            or any(getattr(self, each) != fields[each].default for each in _OF_TOTAL_VARIATION)
-        )
+        minimised = self.is_sequence or self.frames is not None or self._minimiser_options
         return self.prior if minimised or self.prior != Prior.AUTO else PHOTO_PRIOR
+
+    @property
+    def _minimiser_options(self) -> list[str]:
+        """Options that speak of a minimiser, as the command line has them."""
+        fields = type(self).model_fields
+        names = [
+            name for name in _OF_TOTAL_VARIATION if getattr(self, name) != fields[name].default
+        ]
+        if self.quality not in (None, Quality.PHOTO):
+            names.append("quality")
+        if self.sweep == "method":
+            names.append("sweep")
+        return sorted(f"--{name.replace('_', '-')}" for name in names)
+
+    @property
+    def prior_note(self) -> str | None:
+        """What options do to the prior of a picture that a person may not expect."""
+        filtered = self.method is Method.WIENER or self.quality is Quality.DRAFT
+        if self.prior not in tuple(Prior):
+            return None if self.tau == "auto" else FIRST_WEIGHT
+        if self.prior != Prior.AUTO or self.is_sequence or self.frames is not None or filtered:
+            return None
+        return by_total_variation(self._minimiser_options)
 
     @property
     def psf_folder(self) -> Path | None:

@@ -166,6 +166,8 @@ class Setup(Prepared):
             run.warn(*explanation.warnings)
             prediction = explanation.prediction
         problem = reconstructor.problem(measurement)
+        if chosen is None and options.prior_note is not None:
+            run.reporter.note(options.prior_note)
         return cls(
             options,
             prepared.psf,
@@ -184,16 +186,27 @@ class Setup(Prepared):
     def varied(
         self, run: Run[ReconstructOptions], options: ReconstructOptions, psf: Tensor
     ) -> "Setup":
-        """The same measurement and PSF with other options of the model and the solver."""
-        support = self.problem.forward.support
-        if options.support != self.options.support:
+        """The same measurement and PSF with other options of the model and the solver.
+
+        Another support, weight or detail keeps what was chosen else; another method or prior has a
+        weight of its own.
+        """
+        own, reconstructor, weight = self.options, self.reconstructor, self.weight
+        if options.support != own.support:
             support = _support(options, self.measurement.size, psf)
-        field_psf = self.reconstructor.field_psf
-        reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
-        reconstructor = _prior_by_size(reconstructor, options, self.measurement)
-        weight = _weight(run, reconstructor, options, self.measurement)
-        if weight is not None:
-            reconstructor = reconstructor.with_detail(weight, options.detail)
+            reconstructor = replace(reconstructor, support=support)
+        elif (options.method, options.prior) == (own.method, own.prior):
+            if options.tau != "auto":
+                reconstructor = replace(reconstructor, tau=options.tau)
+            elif weight is not None:
+                reconstructor = reconstructor.with_detail(weight, options.detail)
+        else:
+            support, field_psf = self.problem.forward.support, reconstructor.field_psf
+            reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
+            reconstructor = _prior_by_size(reconstructor, options, self.measurement)
+            weight = _weight(run, reconstructor, options, self.measurement)
+            if weight is not None:
+                reconstructor = reconstructor.with_detail(weight, options.detail)
         problem = reconstructor.problem(self.measurement)
         return replace(
             self,

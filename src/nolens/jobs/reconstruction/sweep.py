@@ -98,11 +98,7 @@ def sweep_settings(
 
 
 def swept_options(
-    options: ReconstructOptions,
-    name: str,
-    sensor: tuple[int, int],
-    tau: float,
-    prior: str | Path,
+    options: ReconstructOptions, name: str, sensor: tuple[int, int]
 ) -> ReconstructOptions:
     """Options of a picture of the sweep.
 
@@ -110,16 +106,10 @@ def swept_options(
     ----------
     name, sensor
         As `sweep_settings` takes them.
-    tau, prior
-        Of the options' own picture: another support keeps them, another method or prior has a
-        weight of its own.
     """
-    if options.sweep == "tau":
-        return options.model_copy(update={"tau": tau * _factor(name), "detail": 1.0})
     settings = sweep_settings(options, name, sensor)
     if options.sweep == "support":
-        kept = {"tau": tau, "detail": 1.0, "prior": prior}
-        settings |= kept | {"field": None, "camera": None}
+        settings |= {"field": None, "camera": None}
     return options.model_copy(update=settings)
 
 
