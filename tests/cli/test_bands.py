@@ -4,6 +4,7 @@ import csv
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from running import check_refused, listing, run
 
 import nolens as nl
 from nolens.camera import Camera, from_mapping
-from nolens.files import write_camera
+from nolens.files import read_camera, write_camera
 
 TILE = [["0", "1"], ["3", "2"]]
 WAVELENGTHS = "500nm,515nm,530nm,545nm"
@@ -77,7 +78,7 @@ def cosine(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return (found * truth).sum(axis=0) / np.maximum(norms, 1e-9)
 
 
-def test_spectra_through_filters_are_those_of_the_scene(tmp_path):
+def test_spectra_through_filters_are_those_of_the_scene(tmp_path, monkeypatch):
     camera = filtered(tmp_path / "camera", tile=TILE, transmission={"file": "filters.csv"})
     raw, support, truth = measured(tmp_path, camera, WAVELENGTHS)
     list_psfs(camera)
@@ -116,6 +117,13 @@ def test_spectra_through_filters_are_those_of_the_scene(tmp_path):
         assert (kept / name).read_bytes() == (cube / name).read_bytes()
     assert mine._repr_png_() == (cube / "false-colour.png").read_bytes()
 
+    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(total=5.001e8))
+    done = run(
+        "reconstruct", raw, "--psf", camera, "--bands", WAVELENGTHS, "--support", support,
+        "-o", tmp_path / "none", "--device", "cpu",
+    )  # fmt: skip
+    check_refused(done, "not even 2 bands would fit", "a smaller --support")
+
 
 def test_polarisation_is_that_of_the_scene(tmp_path):
     camera = filtered(tmp_path / "camera", tile=TILE, polarisers=POLARISERS)
@@ -139,18 +147,25 @@ def test_polarisation_is_that_of_the_scene(tmp_path):
     assert angle[inside].mean() == pytest.approx(22.5, abs=5)
 
 
-def test_a_map_of_filters_of_another_size_is_refused(tmp_path):
+def test_a_map_of_filters_has_integers_of_any_size_for_each_pixel(tmp_path):
     camera = filtered(tmp_path / "camera", tile=TILE, transmission={"file": "filters.csv"})
     text = (camera / "camera.toml").read_text()
     start, end = text.index("tile = ["), text.index("[sensor.filters.transmission]")
     (camera / "camera.toml").write_text(text[:start] + 'map = "map.npy"\n' + text[end:])
-    np.save(camera / "map.npy", np.zeros((96, 100), np.uint8))
+    numbers = np.array(TILE, dtype=int).repeat(48, axis=0).repeat(64, axis=1)
+    np.save(camera / "map.npy", numbers)
+    tifffile.imwrite(camera / "map.tif", numbers.astype(np.int32))
+    description = (camera / "camera.toml").read_text()
+    for name in ("map.tif", "map.npy"):
+        (camera / "camera.toml").write_text(description.replace("map.npy", name))
+        assert np.array_equal(read_camera(camera).filters.numbers, numbers)
+    np.save(camera / "map.npy", np.zeros((96, 100), int))
     raw = tmp_path / "raw.tif"
     tifffile.imwrite(raw, np.ones((96, 128), np.uint16))
     before = listing(tmp_path)
     done = run("reconstruct", raw, "--psf", camera, "--bands", 4, "-o", tmp_path / "cube")
     check_refused(done, "map.npy", "96×100", "96×128")
-    np.save(camera / "map.npy", np.full((96, 128), 4, np.uint8))
+    np.save(camera / "map.npy", np.full((96, 128), 4, dtype=int))
     done = run("reconstruct", raw, "--psf", camera, "--bands", 4, "-o", tmp_path / "cube")
     check_refused(done, "map.npy", "4 filters", "0 to 3")
     assert listing(tmp_path).keys() == before.keys()

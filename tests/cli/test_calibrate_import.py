@@ -16,10 +16,11 @@ from running import check_refused, listing, reconstruct, run
 
 import nolens as nl
 from depth_spots import CELL_UM, NEAR_UM, SCENE, noisy, spots, two_objects, write_raw
-from nolens.camera import PsfEntry, PsfSet, preset
+from nolens.camera import Camera as Description
+from nolens.camera import PsfEntry, PsfSet, from_mapping, preset
 from nolens.documents import parse_toml
 from nolens.evaluate import psnr, scale_fit
-from nolens.files import read_psf, read_psf_set
+from nolens.files import read_psf, read_psf_set, write_camera
 from real_data import real_data
 
 BLACK = 200
@@ -166,6 +167,51 @@ def test_hand(tmp_path: Path) -> None:
     assert torch.equal(nl.import_psf(path).values, values)
 
 
+def test_what_is_no_point_source_is_said(tmp_path: Path) -> None:
+    """A measurement of a scene in place of the PSF; test_hand has a PSF without a warning."""
+    path = real_data("diffusercam-hand/rawdata_hand_sample.tif")
+    given = ("--distance", "30cm", "--pixel", "3.45um", "--channels", "grey", "-o", tmp_path / "it")
+    done = run("calibrate", "import", path, *given)
+    assert done.code == 0 and f"warning: {path} shows no point source: its fine" in done.err, done
+    assert done.err.count("\n") == 1 and "nolens reconstruct" in done.err
+
+
+def test_pattern_of_filters_is_divided_out(tmp_path: Path) -> None:
+    """Four filters on the pixels, the last of which passes little of the light."""
+    camera = tmp_path / "camera"
+    names = ("a", "b", "c", "d")
+    fields = preset("small").model_dump(mode="json", exclude_none=True)
+    curve = {"source": "test", "wavelength_nm": [400, 700]}
+    fields["sensor"] |= {
+        "mosaic": "none",
+        "quantum_efficiency": {**curve, "values": {"grey": [0.7, 0.7]}},
+        "filters": {
+            "tile": [names[:2], names[2:]],
+            "transmission": {**curve, "values": {each: [1, 1] for each in names}},
+        },
+    }
+    write_camera(camera, from_mapping(Description, fields, "test"))
+    passed = torch.tensor([[0.9, 0.4], [0.6, 0.1]]).tile(128, 160)
+    light = light_of(300.0)[None]
+    frame = save(tmp_path / "point.tif", light * passed, black=256, top=3800)
+    even = save(tmp_path / "even.tif", passed[None], black=256, top=3800)
+    made = tmp_path / "made"
+    given = (frame, "--distance", "30cm", "--camera", camera, "-o", made)
+    for asked in (("calibrate",), ("calibrate", "import")):
+        done = run(*asked, *given)
+        assert done.code == 0 and done.err.count("filters of the sensor's pixels") == 1, done
+        assert "psf-300mm.tif" in done.err and "--flat EVEN" in done.err
+    imported(*given, "--black", 256, "--flat", even)
+    (entry,) = read_psf_set(made).psf
+    psf = read_psf(made, entry)
+    tiles = [
+        [each[..., r::2, c::2].mean() for r in (0, 1) for c in (0, 1)] for each in (psf, light)
+    ]
+    shares = [torch.stack(each) / sum(each) for each in tiles]
+    torch.testing.assert_close(*shares, atol=0.01, rtol=0)
+    assert psnr(scale_fit(psf, light), light, float(light.max())) > 40
+
+
 def test_page_has_every_key() -> None:
     """The lists of PSFs in docs/camera-folder.md are ones, and its table names all keys."""
     page = Path(__file__).parents[2] / "docs" / "camera-folder.md"
@@ -205,6 +251,7 @@ def test_page_has_every_key() -> None:
             ["a.tif", "--dark", "b.tif", "--black", "3", "--distance", "1m", "--pixel", "3um"],
             ["one of the two"],
         ),
+        (["a.tif", "--distance", "30"], ["--distance is '30': 30 has no unit", "or 'infinity'\n"]),
         (["noise.tif", "--distance", "1m", "--pixel", "3um"], ["nothing above its background"]),
         (["a.tif", "--distance", "1m", "--camera", "small"], ["48×64", "128×160"]),
         (["no.tif", "--distance", "1m", "--pixel", "3um"], ["no.tif", "No such file"]),
@@ -239,7 +286,7 @@ def test_what_is_in_the_folder_must_fit(tmp_path: Path) -> None:
     small = save(tmp_path / "small.tif", spots(NEAR_UM, (24, 32)))
     colour = save(tmp_path / "rgb.tif", spots(NEAR_UM, SENSOR).expand(3, -1, -1))
     for arguments, words in (
-        ((psf, "--pixel", "5um"), ("--pixel 5 um", "3.1 um")),
+        ((psf, "--pixel", "5um"), ("--pixel 5 um", "is 3.1 um wide, not 5 um")),
         ((psf, "--sensor", "60x80"), ("--sensor 60x80", "48x64")),
         ((small,), ("24×32", "48×64", "binned by 2")),
         ((colour,), ("grey", "R, G, B", "--channels grey")),

@@ -13,6 +13,7 @@ import nolens as nl
 from nolens.api.simulate import Psf
 from nolens.calibrate.distances import Layers
 from nolens.camera import Camera, PsfEntry, preset
+from nolens.errors import DataError
 from nolens.files import read_psf, read_psf_set, write_camera, write_psfs
 from nolens.files.pictures import write_tiff32
 from nolens.files.psf_folder import PsfFolder
@@ -138,6 +139,12 @@ def test_text_and_reconstruction(tmp_path: Path) -> None:
     given = {"support": (86, 86), "tau": 1e-4, "iterations": 2}
     alike = nl.reconstruct(tmp_path / "raw.tif", stitched, **given).values
     torch.testing.assert_close(alike, picture, rtol=1e-3, atol=1e-3 * float(picture.max()))
+    # One of them cut, or of another exposure, is refused.
+    psf = read_psf(made, points[-1])
+    for other, words in ((1.3 * psf, "1.3.* times the light"), (psf[:, 9:-9, 9:-9], "other PSFs")):
+        write_tiff32(made / points[-1].file, other)
+        with pytest.raises(DataError, match=words):
+            PsfFolder(made).for_scene(None)
 
 
 def as_the_layers(made: Path) -> Camera:

@@ -72,7 +72,15 @@ def test_help_has_what_two_files_need_and_help_all_the_rest_by_group() -> None:
     assert "MEASUREMENT" in brief.out and "--relaxation" not in brief.out
     assert 2 * len(brief.out.splitlines()) < len(full.out.splitlines())
     titles = re.findall(r"^╭─ (.+?) ─", full.out, re.MULTILINE)
-    assert titles[2:] == ["Files and channels", "Model and solver", "Picture", "How it runs"]
+    assert titles[2:] == [
+        "Several pictures of one frame",
+        "Files and channels",
+        "Model and solver",
+        "Picture",
+        "How it runs",
+    ]
+    files, most_need = {"--psf", "--output"}, {"--quality", "--detail", "--support", "--black"}
+    assert listed(brief.out) - files - most_need <= {"--sweep", "--flip"}
     solver = full.out.split("─ Model and solver ─")[1].split("─ Picture ─")[0]
     assert {"--tau", "--method", "--prior", "--relaxation"} <= listed(solver)
 

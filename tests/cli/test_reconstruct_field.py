@@ -18,9 +18,10 @@ from running import check_refused, listing, reconstruct, run
 
 import nolens as nl
 from nolens.camera import FieldPsf, PsfEntry, develop
-from nolens.errors import OptionError
+from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera, read_frame, read_psf, read_psf_set, write_psfs
+from nolens.files.pictures import write_tiff32
 from nolens.files.psf_folder import PsfFolder
 from nolens.jobs import ReconstructOptions
 from nolens.jobs import reconstruct as job
@@ -81,6 +82,44 @@ def test_psfs_of_the_folder_are_the_cameras(made: Open) -> None:
     expected = VirtualExperiment(twin, Light(GREEN), 3).psf(source, (194, 210))
     psf = read_psf(made.folder, corner)
     assert torch.allclose(psf / psf.mean(), expected / expected.mean(), atol=2e-2)
+
+
+def test_psfs_of_other_sizes_or_exposures_are_refused(made: Open, tmp_path: Path) -> None:
+    """Of each in turn; unlike a fall of light towards the edges, and kinds of different sizes."""
+    folder = made.copy(tmp_path / "folder")
+    entries = read_psf_set(folder).psf
+    planes = {each: read_psf(folder, each) for each in entries}
+
+    def store(changed: dict[PsfEntry, torch.Tensor]) -> None:
+        for entry, plane in changed.items():
+            write_tiff32(folder / entry.file, plane)
+
+    def check(*words: str) -> None:
+        with pytest.raises(DataError) as refused:
+            PsfFolder(folder).for_scene(None)
+        for each in (*words, "or remove its entry from psfs.toml"):
+            assert each in str(refused.value)
+
+    for entry in entries:
+        for factor in (1.3, 1 / 1.3, 5):
+            store({entry: factor * planes[entry]})
+            check(f"{folder / entry.file} has ", "times the light that the other PSFs of 80 mm")
+        store({entry: planes[entry]})
+    for power in (3, 6):
+        store({each: each.cosine**power * plane for each, plane in planes.items()})
+        assert len(PsfFolder(folder).for_scene(None).entries) == 9
+    listed = (folder / "psfs.toml").read_text()
+    (folder / "psfs.toml").write_text(listed.replace('kind = "extended"', 'kind = "captured"'))
+    store({each: plane[..., 73:121, 73:137] for each, plane in planes.items()})
+    assert len(PsfFolder(folder).for_scene(None).entries) == 9
+    side = entries[0]
+    store({side: planes[side][..., 85:109, 89:121]})
+    said = f"{folder / side.file} has 24×32 pixels, but the sensor of camera.toml has 48×64"
+    check(said)
+    before = listing(tmp_path)
+    done = run("reconstruct", made.raw, "--psf", folder, *QUICK, "-o", tmp_path / "out.png")
+    check_refused(done, said)
+    assert listing(tmp_path) == before
 
 
 def psf_of(made: Open) -> nl.Psf:
@@ -182,7 +221,26 @@ def test_what_a_folder_lacks_is_said(made: Open, tmp_path: Path) -> None:
     (moved / "psfs.toml").write_text(listed.replace("angle =", 'frame = "sensor"\nangle ='))
     assert "calibrate stitch" in notes(moved)
     said = notes(made.folder, "--support", "210x210")
-    assert "9 used" in said and "the scene goes on to 14° to the right (the PSFs to 10°)" in said
+    uncovered = "the scene goes on to 14° to the right (the PSFs to 10°)"
+    assert "9 used" in said and uncovered in said
+
+    wide = ("--support", "105x105", *COARSE[2:], "--iterations", 2, "--device", "cpu")
+    for command in (
+        ("reconstruct", made.raw, "--psf", made.folder, "--depths", "60mm,80mm"),
+        ("reconstruct", made.raw, "--psf", made.folder, "--frames", 3, "--exposure", "0.5ms"),
+        ("refocus", made.raw, "--psfs", made.folder, "--depth", "60mm"),
+    ):
+        out = tmp_path / ("video.tif" if "--frames" in command else command[-2])
+        done = run(*command, *wide, "-o", out)
+        assert done.code == 0 and uncovered in done.err, done
+        if command[0] == "reconstruct":
+            assert "s on cpu, 9 PSFs over the field" in done.out
+    volume = nl.reconstruct_volume(
+        *(made.raw, made.folder, ["60mm", "80mm"]),
+        support=(105, 105), bin=2, channels="g", tau=1e-3, iterations=2,
+    )  # fmt: skip
+    assert volume.figures["field_points"] == 9
+    assert [each for each in volume.warnings if uncovered in each]
 
 
 def test_sequence_has_the_pictures_of_single_frames(made: Open, tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Pat
     card = json.loads(weights.with_suffix(".json").read_text())
     assert result["prior"] == prior
     assert result["weights_sha256"] == sha256_of_weights(weights) == card["sha256"]
+    assert result["weights_card"] == f"{prior}.json"
     assert result["method"] == ("admm" if prior == "ridge" else "admm, plug-and-play")
     picture = read_frame(out).counts
     photograph = nl.reconstruct(
@@ -197,7 +198,16 @@ def test_uncertainty(camera: Camera, tmp_path: Path) -> None:
         camera.raw, camera.psf, support=(24, 32), tau=8e-3, iterations=40, prior="denoiser",
         uncertainty=2,
     )  # fmt: skip
-    assert photograph.spread is not None
+    assert photograph.spread is not None and photograph.disagreement is not None
+    difference = tifffile.imread(tmp_path / "o-uncertainty-difference.tif")
+    torch.testing.assert_close(
+        photograph.disagreement, torch.from_numpy(difference).movedim(-1, 0), rtol=1e-3, atol=1e-5
+    )
+    usual = nl.reconstruct(
+        camera.raw, camera.psf, support=(24, 32), tau=8e-3, iterations=40, prior="tv"
+    )
+    apart = (photograph.values - usual.values).abs()
+    torch.testing.assert_close(photograph.disagreement, apart, rtol=1e-2, atol=1e-4)
     torch.testing.assert_close(photograph.spread, spread, rtol=1e-3, atol=1e-5)
     # Noise of about 1 % moves pixels by less than a fifth of the white, and by more than nothing.
     mean = float(spread.mean() / photograph.values.max())

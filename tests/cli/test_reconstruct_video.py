@@ -1,6 +1,7 @@
 """`nolens reconstruct --frames`: a video from one frame of a rolling shutter."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -59,7 +60,7 @@ def take(folder: Path, rolling: str, exposure_s: float | None) -> Path:
     return path
 
 
-def test_what_moves_is_where_it_was(tmp_path: Path) -> None:
+def test_what_moves_is_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     raw = take(tmp_path, "in", EXPOSED * 28.571e-6)
     outputs = [f"-o{tmp_path / 'out'}{suffix}" for suffix in (".tif", ".mp4", ".png")]
     asked = ("--psf", tmp_path / "psf.dng", *MASKED, "--tau", 1e-3, "--iterations", 24)
@@ -87,12 +88,21 @@ def test_what_moves_is_where_it_was(tmp_path: Path) -> None:
         assert sheet.size[0] > 1000
 
     camera, point = nl.Camera(tmp_path), nl.load(tmp_path / "psf.dng")
-    (tmp_path / "camera.toml").unlink()
+    description = tmp_path / "camera.toml"
+    text = description.read_text()
+    description.unlink()
     mine = nl.reconstruct_video(
         nl.load(raw), point, FRAMES, camera=camera, support=SCENE, tau=1e-3, iterations=24
     )
     assert torch.equal(mine.values, video) and mine.times_s[1] == pytest.approx(1.5 * step)
     assert mine.save(tmp_path / "mine.mp4").read_bytes() == (tmp_path / "out.mp4").read_bytes()
+
+    description.write_text(text)
+    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(total=5.001e8))
+    asked = ("--psf", tmp_path / "psf.dng", "--support", SUPPORT, "--frames", 2, "--exposure")
+    done = run("reconstruct", raw, *asked, "1602ms", "-o", tmp_path / "still.tif")
+    assert done.code == 2 and "not even 2 frames would fit" in done.err
+    assert "no video can be had" in done.err and "Expose for 1.34 ms or less" in done.err
 
 
 @pytest.mark.parametrize(

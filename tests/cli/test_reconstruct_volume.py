@@ -27,11 +27,13 @@ from depth_spots import (
     write_set,
 )
 from nolens.camera import develop, preset
+from nolens.errors import OptionError
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame
 from nolens.files.psf_folder import PsfFolder
 from nolens.jobs import ReconstructOptions, Reporter
 from nolens.jobs import reconstruct as reconstruct_job
+from nolens.jobs.reconstruction.stack import fewer_slices
 from nolens.refocusing import DepthReconstructor, photon_variance, spacing_warnings
 from nolens.twin import expose
 
@@ -68,6 +70,7 @@ def test_two_objects(made: Path, tmp_path: Path) -> None:
         "all-in-focus.png", "depth.png", "depth.tif",
     }  # fmt: skip
     assert summary["depths_mm"] == [20, 80] and "not modelled" in summary["occlusion"]
+    assert summary["field_points"] == 1
     with tifffile.TiffFile(out / "volume.ome.tif") as stack:
         assert stack.is_ome and stack.series[0].axes == "ZYX"
         pages = [torch.from_numpy(page)[None] for page in stack.asarray()]
@@ -143,6 +146,12 @@ def test_more_depths_than_there_is_memory_for(
     with pytest.raises(Exception, match=r"[1-9]\d? depths would fit in place of 40") as refused:
         reconstruct_job(options, Reporter())
     assert "--bin" in str(refused.value) and not (tmp_path / "out").exists()
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(total=5.001e8))
+    with pytest.raises(OptionError, match=r"not even 2 depths would fit.*; --channels grey"):
+        reconstruct_job(options, Reporter())
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(total=5.025e8))
+    texts = [fewer_slices("frames", count, 1e6, torch.device("cpu"), "bin") for count in (2, 24)]
+    assert texts == ["bin", "2 frames would fit in place of 24; bin"]
 
 
 def test_planes_that_look_alike_and_gaps() -> None:
@@ -152,6 +161,8 @@ def test_planes_that_look_alike_and_gaps() -> None:
     assert "nearer to one another" in close and "100 mm and infinity" in close
     (wide,) = spacing_warnings([50e3, 100e3], 5.0)
     assert "gaps" in wide and "50 mm and 100 mm (2.0)" in wide
+    (many,) = spacing_warnings([1e6 / each for each in range(600, 0, -1)], 25.0)
+    assert many.count(" mm and ") == 3 and "1.675 mm, and 596 more are" in many
 
 
 def test_variance_is_that_of_a_sensor() -> None:

@@ -86,16 +86,18 @@ def folder_with_psfs(folder: Path, size: tuple[int, int], channels: int = 3) -> 
 
 
 def test_denoiser_and_its_card(tiny: Path, tmp_path: Path) -> None:
-    photographs = tmp_path / "photographs"
-    photographs.mkdir()
-    save(photographs / "linear.npy", 5 * torch.rand(3, 70, 80))
+    photographs, unseen = tmp_path / "photographs", tmp_path / "unseen"
+    for folder in (photographs, unseen):
+        folder.mkdir()
+        save(folder / "linear.npy", 5 * torch.rand(3, 70, 80))
     Image.fromarray(np.full((70, 90, 3), 99, np.uint8)).save(photographs / "srgb.png")
     mine = tmp_path / "out" / "mine.npz"
     mine.parent.mkdir()
-    kinds = ("--photographs", photographs, "--validation", photographs, "--licence", "cc0-1.0")
-    done = train(mine, tiny, "--prior", "denoiser", "--steps", 3, "--seed", 5, *kinds)
+    kinds = ("--photographs", photographs, "--validation", unseen, "--licence", "cc0-1.0")
+    asked = ("--prior", "denoiser", "--steps", 3, "--seed", 5, *kinds)
+    done = train(mine, tiny, *asked)
     assert done.code == 0, done.err
-    assert "denoiser: 3 of 3 steps" in done.out
+    assert "denoiser: 3 of 3 steps" in done.out and "; it began with " in done.out
     assert sorted(listing(mine.parent)) == ["mine.json", "mine.npz", "mine.record.json"]
     card = json.loads((mine.parent / "mine.json").read_text())
     assert card["sha256"] == hashlib.sha256(mine.read_bytes()).hexdigest()
@@ -104,18 +106,48 @@ def test_denoiser_and_its_card(tiny: Path, tmp_path: Path) -> None:
     assert card["data"][1] == {"photographs": "photographs", "licence": "cc0-1.0"}
     assert card["command"].startswith("nolens train -o ") and "--seed 5" in card["command"]
     assert "evidence" in card["not_for"]
+    assert card["camera"] == "none"
     assert set(card["scores_db"]) == {"all", "generated", "photographs"}
     record = read_record(mine.parent / "mine.record.json")
     assert [row["step"] for row in record.history] == [1, 2, 3]
     assert max(row["validation_db"] for row in record.history) == pytest.approx(
         card["scores_db"]["all"], abs=1e-3
     )
-    assert {"photograph linear.npy", "photograph srgb.png", "weights to start from"} == set(
-        record.inputs
-    )
+    assert set(record.inputs) == {
+        "photograph linear.npy",
+        "photograph srgb.png",
+        "held-out photograph linear.npy",
+        "weights to start from",
+    }
     prior = read_weights(mine)
-    assert prior.facts == {"prior": "denoiser", "weights_sha256": card["sha256"]}
+    of_file = {"weights_sha256": card["sha256"], "weights_card": "mine.json"}
+    assert prior.facts == {"prior": "denoiser", **of_file}
     assert (prior.network.widths, prior.network.blocks) == ((8,), (1,))
+    (unseen / "below").mkdir()
+    shutil.copy(photographs / "srgb.png", unseen / "below" / "other.png")
+    before = listing(tmp_path)
+    words = ("below/other.png of --validation is the same picture", "srgb.png of --photographs")
+    check_refused(train(mine, tiny, *asked), *words)
+    assert listing(tmp_path) == before
+
+
+def test_weights_at_the_start_are_kept_where_none_are_better(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.npz"
+    asked = ("train", *QUICK, "--prior", "denoiser", "-o", mine, "--steps", 1, "--rate")
+    check_refused(run(*asked, 1), "NaN or infinity by step 1", "smaller --rate than 1")
+    assert not listing(tmp_path)
+    done = run(*asked, 0.03, "--json")
+    assert done.code == 0, done.err
+    summary, card = json.loads(done.out), json.loads((tmp_path / "mine.json").read_text())
+    assert summary["validation_start_db"] == summary["validation_db"]
+    assert summary["validation_before_db"] < summary["validation_db"] - 5
+    assert card["scores_start_db"] == card["scores_db"] and card["best_step"] == 0
+    (warning,) = summary["warnings"]
+    begun = f"{summary['validation_start_db']:.2f} dB of the weights that it began with"
+    assert begun in warning and "smaller --rate" in warning
+    shipped = denoiser().network.state_dict()
+    for name, each in read_weights(mine).network.state_dict().items():
+        assert torch.equal(each, shipped[name])
 
 
 def test_interrupted_and_resumed_is_uninterrupted(
@@ -142,6 +174,8 @@ def test_interrupted_and_resumed_is_uninterrupted(
     assert listing(tmp_path) == before
     assert train(half, tiny, *asked, 20, "--resume", state).code == 0
     assert half.read_bytes() == whole.read_bytes()
+    card = json.loads((tmp_path / "half.json").read_text())
+    assert card["best_step"] > 0 and card["scores_db"]["all"] > card["scores_start_db"]["all"]
     assert not state.exists()
     histories = [read_record(each.with_suffix(".record.json")).history for each in (whole, half)]
     assert histories[0] == histories[1]
@@ -169,6 +203,7 @@ def test_killed_training_goes_on_from_its_checkpoint(
     assert not half.exists()
     assert train(half, tiny, *asked, "--resume", tmp_path / "half.state.npz").code == 0
     assert half.read_bytes() == whole.read_bytes()
+    assert json.loads((tmp_path / "half.json").read_text())["best_step"] > 0
 
 
 def test_unrolled_for_a_folder(
@@ -191,10 +226,14 @@ def test_unrolled_for_a_folder(
     assert mine.read_bytes() == whole.read_bytes()
     record = read_record(tmp_path / "mine.record.json")
     assert [row["step"] for row in record.history] == [1, 2]
+    # The weights at the start may be the best ones here: the history tells of the others.
+    assert record.history == read_record(tmp_path / "whole.record.json").history
     assert {"psfs.toml", "PSF psf.tif"} < set(record.inputs)
     assert record.result["spreads"] == list(denoiser().spreads)
     card = json.loads((tmp_path / "mine.json").read_text())
     assert card["camera"] == "camera" and card["widths"] == [8]
+    # It begins with one that changes nothing.
+    assert card["scores_start_db"] == card["scores_before_db"]
     save(tmp_path / "measured.npy", torch.rand(1, 48, 64))
     files = (tmp_path / "measured.npy", "--psf", folder / "psf.tif", "--support", "24x32")
     done = run("reconstruct", *files, "--prior", mine, "-o", tmp_path / "photo.tif")

@@ -48,8 +48,8 @@ def test_those_straight_ahead_by_distance(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"cell": "1.55 um"}, "pixels of 1.55 um"),
-        ({"channels": ("grey",)}, "channels grey"),
+        ({"cell": "1.55 um"}, r"psfs.toml: two\.tif has pixels of 1.55 um"),
+        ({"channels": ("grey",)}, r"psfs.toml: two\.tif has pixels of 3.1 um and channels grey"),
     ],
 )
 def test_psfs_of_another_camera_are_refused(

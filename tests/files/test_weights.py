@@ -52,7 +52,7 @@ def test_a_refinement_goes_with_the_denoiser(tmp_path: Path) -> None:
     assert torch.equal(read.refinement.network.head.weight, network.head.weight.half().float())
     assert (read.refinement.share, read.refinement.finest) == (0.5, 1.0)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    assert read.facts == {**facts, "weights_sha256": sha256}
+    assert read.facts == {**facts, "weights_sha256": sha256, "weights_card": "mine.json"}
     changed(path, refines="0" * 64)
     with pytest.raises(FileError, match="another denoiser"):
         read_weights(path)
@@ -65,14 +65,36 @@ def test_same_weights_are_the_same_file(written: tuple[Path, PlugAndPlay]) -> No
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["denoiser", "ridge", "unrolled"])
+SHIPPED = ("denoiser", "ridge", "unrolled")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
 def test_hash_of_what_comes_with_nolens_is_its_cards(name: str) -> None:
     prior = {"denoiser": denoiser, "ridge": ridge, "unrolled": unrolled}[name]()
     card = json.loads(files("nolens.files.trained").joinpath(f"{name}.json").read_text("utf-8"))
     refines = {"refines": denoiser().facts["weights_sha256"]} if name == "unrolled" else {}
-    assert prior.facts == {"prior": name, "weights_sha256": card["sha256"], **refines}
+    of_file = {"weights_sha256": card["sha256"], "weights_card": f"{name}.json"}
+    assert prior.facts == {"prior": name, **of_file, **refines}
     if isinstance(prior, PlugAndPlay) and isinstance(prior.refinement, Refinement):
         assert prior.refinement == refinement_for_others(prior.refinement.network)
+
+
+def test_what_comes_with_nolens_is_small() -> None:
+    """At most 2.5 MB a file and 5 MB together, in half precision."""
+    paths = [Path(str(files("nolens.files.trained").joinpath(f"{name}.npz"))) for name in SHIPPED]
+    sizes = [path.stat().st_size for path in paths]
+    assert max(sizes) <= 2.5e6 and sum(sizes) <= 5e6
+    for path in paths:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files if name != "about"}
+        assert arrays and {each.dtype for each in arrays.values()} == {np.dtype(np.float16)}
+
+
+def test_the_ridge_by_its_path_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "copy.npz"
+    path.write_bytes(files("nolens.files.trained").joinpath("ridge.npz").read_bytes())
+    with pytest.raises(FileError, match=r"is the ridge .* --prior ridge takes it"):
+        read_weights(path)
 
 
 def changed(path: Path, **about: object) -> None:

@@ -122,6 +122,9 @@ def test_fewer_psfs_keep_how_their_light_leans():
 def test_every_psf_needs_a_place():
     with pytest.raises(OptionError, match="2 PSFs and 3 places"):
         FieldConvolution(torch.rand(2, 1, 4, 4), torch.zeros(3, 2), (4, 4))
+    for error in (-1, 2, float("nan")):
+        with pytest.raises(OptionError, match=f"error is {error}.*from 0 to below 1"):
+            FieldConvolution(torch.rand(2, 1, 4, 4), torch.zeros(2, 2), (4, 4), error=error)
 
 
 def test_fewer_psfs_take_the_places_of_their_combinations():

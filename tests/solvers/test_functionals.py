@@ -205,6 +205,8 @@ def test_poisson_without_background_is_kullback_leibler():
         (lambda: Gaussian(COUNTS, weights=-WEIGHTS), ["a weight is negative"]),
         (lambda: Poisson(COUNTS - 1), ["the least count is -1"]),
         (lambda: Poisson(COUNTS, background=-2.0), ["the least background -2"]),
+        (lambda: Gaussian(COUNTS[..., :2]) @ Diagonal(WEIGHTS), ["(2, 2, 2)", "(2, 2, 3)"]),
+        (lambda: 2.0 * Poisson(COUNTS[:, 1:]) @ Diagonal(WEIGHTS), ["(2, 1, 3)", "(2, 2, 3)"]),
     ],
 )
 def test_data_that_cannot_be_used(make, words):
@@ -219,6 +221,8 @@ def test_data_that_cannot_be_used(make, words):
     ("make", "words"),
     [
         (lambda: -1.0 * L1(), "weight of a functional is -1.0"),
+        (lambda: Box(1, 0), "from 1 to 0: give a lower bound"),
+        (lambda: Box(0.5 * WEIGHTS, math.nan), "from a tensor (2, 2, 3) to nan"),
         (lambda: TotalVariation((5,)), "the shape is (5,), axes 2"),
         (lambda: TotalVariation((5, 4), border="mirror"), "'zero', 'periodic' or 'free'"),
     ],

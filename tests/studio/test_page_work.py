@@ -385,12 +385,16 @@ def depths_together(page: Any) -> None:
     form.get_by_label("Support of the scene").fill("40x40")
     form.get_by_label("τ, weight of the prior").fill("1e-3")
     form.get_by_label("Iterations, at most").fill("8")
+    form.get_by_label("Noise").select_option("Poisson's law")
+    form.get_by_label("Depth smoothness").fill("0.1")
     page.get_by_role("button", name="Reconstruct").click()
     await_text(page, "#main .stage b", "all-in-focus")
     page.get_by_role("button", name="Depths", exact=True).click()
     set_slider(page, "Depth", 1.0)
     await_text(page, "[role=status]", "Sharp at infinity")
-    form.get_by_label("Depths").fill("")
+    for label in ("Depths", "Depth smoothness"):
+        form.get_by_label(label).fill("")
+    form.get_by_label("Noise").select_option("auto")
 
 
 def video_plays(page: Any) -> None:
@@ -428,6 +432,9 @@ def opened_again(page: Any) -> None:
         "() => [...document.querySelectorAll('input')].some((e) => e.value === '15 cm,infinity')"
     )
     assert re.search(r"/psf\S*\.tif$", page.get_by_label("PSF", exact=True).input_value())
+    form = reconstruction(page)
+    assert form.get_by_label("Noise").input_value() == "poisson"
+    assert form.get_by_label("Depth smoothness").input_value() == "0.1"
 
 
 def write_bands(work: Path) -> None:

@@ -119,6 +119,7 @@ def import_psf(
     psf: Raw,
     *,
     dark: Raw | None = None,
+    flat: Raw | None = None,
     black: BlackLevel = None,
     white: float | None = None,
     channels: str = "all",
@@ -136,6 +137,9 @@ def import_psf(
         A file, a frame of `load`, or values; its middle is the zero shift.
     dark
         A frame without light, in place of the black level.
+    flat
+        A frame of even light, which the PSF is divided by: that takes the pattern of filters on the
+        sensor's pixels out.
     black
         Black level in counts; ``"auto"`` reads it off the darkest corner.
     white
@@ -155,6 +159,7 @@ def import_psf(
     result = psf_import.import_psf(
         frame_of(psf, "PSF"),
         dark=None if dark is None else frame_of(dark, "dark frame"),
+        flat=None if flat is None else frame_of(flat, "flat field"),
         black=black,
         white=white,
         channels=channels,

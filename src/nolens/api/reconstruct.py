@@ -76,6 +76,9 @@ class Photograph(Image):
     spread
         Standard deviation of each value under the noise, like `values`; None where it was not asked
         for.
+    disagreement
+        How far each value is from that of total variation, like `values`; None where `spread` is,
+        or where they are that.
     """
 
     result: Result = field(repr=False)
@@ -85,6 +88,7 @@ class Photograph(Image):
     warnings: tuple[str, ...] = ()
     distance_um: float | None = None
     spread: torch.Tensor | None = field(default=None, repr=False)
+    disagreement: torch.Tensor | None = field(default=None, repr=False)
 
 
 def reconstruct(
@@ -171,7 +175,7 @@ def reconstruct(
         Limits in place of the method's own.
     uncertainty
         Number of samples by which `Photograph.spread` is measured, such as 8; each takes as long as
-        the picture.
+        the picture. `Photograph.disagreement` is measured, too.
     device
         Where to compute.
     progress
@@ -293,7 +297,16 @@ def reconstruct(
         samples = measure_uncertainty(solver, problem, result, uncertainty, progress=advance)
     assert samples is not None
     window = problem.sensor_frame if chosen_support else problem.frame
-    return replace(photograph, spread=window_of(samples.spread, window).cpu())
+
+    def written(scene: torch.Tensor) -> torch.Tensor:
+        return window_of(scene, window).cpu()
+
+    other = samples.disagreement
+    return replace(
+        photograph,
+        spread=written(samples.spread),
+        disagreement=None if other is None else written(other),
+    )
 
 
 def refocus(

@@ -433,8 +433,25 @@ def point_psf_bytes(pixels: int, exposures: int) -> float:
     return pixels * (_BYTES_PER_PIXEL + _BYTES_PER_EXPOSURE * exposures)
 
 
-def _contrast(picture: Tensor, variance: Tensor, source: str) -> float:
-    """Contrast of the fine structure, which only a point source gives; other light is refused."""
+def no_point_source(psf: Tensor, source: str) -> str | None:
+    """What is said of a picture whose fine structure is not that of a point source; else None."""
+    spread, mean, _ = _fine_structure(psf, torch.zeros_like(psf))
+    contrast = math.sqrt(spread) / mean if mean > 0 else math.inf
+    return _no_point_source(contrast, source) if contrast < _LEAST_CONTRAST else None
+
+
+def _no_point_source(contrast: float, source: str) -> str:
+    return (
+        f"{source} shows no point source: its fine structure has a contrast of "
+        f"{100 * contrast:.2g} %, as that of a scene or of even light has"
+    )
+
+
+def _fine_structure(picture: Tensor, variance: Tensor) -> tuple[float, float, float]:
+    """Mean square of what is finer than `_AROUND` pixels, the mean, and the noise's variance.
+
+    Of the mean over the channels, in which the brighter ones count more.
+    """
     weight = picture.mean(dim=(-2, -1), keepdim=True).clamp_min(0)
     total = weight.sum()
     grey = (picture * weight).sum(dim=0) / total if total > 0 else picture.mean(dim=0)
@@ -444,8 +461,12 @@ def _contrast(picture: Tensor, variance: Tensor, source: str) -> float:
         0, 0
     ]
     spread = float((grey - around).double().square().mean())
-    floor_of_noise = float(noise.double().mean())
-    mean = float(grey.double().mean())
+    return spread, float(grey.double().mean()), float(noise.double().mean())
+
+
+def _contrast(picture: Tensor, variance: Tensor, source: str) -> float:
+    """Contrast of the fine structure, which only a point source gives; other light is refused."""
+    spread, mean, floor_of_noise = _fine_structure(picture, variance)
     if not (mean > 0 and spread > 2 * floor_of_noise):
         raise DataError(
             f"{source} shows nothing above its noise: a picture of a point source is needed. "
@@ -454,8 +475,7 @@ def _contrast(picture: Tensor, variance: Tensor, source: str) -> float:
     contrast = math.sqrt(spread - floor_of_noise) / mean
     if contrast < _LEAST_CONTRAST:
         raise DataError(
-            f"{source} shows no point source: its fine structure has a contrast of "
-            f"{100 * contrast:.2g} %, as that of a scene or of even light has. Take a small "
-            f"light, such as an LED behind a pinhole, in a dark room, {_FINISHED}"
+            f"{_no_point_source(contrast, source)}. Take a small light, such as an LED behind a "
+            f"pinhole, in a dark room, {_FINISHED}"
         )
     return contrast

@@ -11,9 +11,9 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import lsmr
 from torch import Tensor
 
-from nolens.calibrate.point_psf import dark_area, stray_light
+from nolens.calibrate.point_psf import dark_area, no_point_source, stray_light
 from nolens.camera import BlackLevel, Frame, Measurement, black_level, check_psf, develop
-from nolens.camera.measurement import saturation_count
+from nolens.camera.measurement import darkest_corner, saturation_count
 from nolens.camera.psf import black_is_known
 from nolens.errors import DataError
 
@@ -81,6 +81,7 @@ def import_psf(
     frame: Frame,
     *,
     dark: Frame | None = None,
+    flat: Frame | None = None,
     black: BlackLevel = None,
     white: float | None = None,
     channels: str = "all",
@@ -98,7 +99,7 @@ def import_psf(
     ----------
     frame
         The PSF; its middle pixel (rows // 2, columns // 2) is the zero shift.
-    dark, black, white, channels, bin_by
+    dark, flat, black, white, channels, bin_by
         As `develop` takes them; a black level ``"auto"`` is read off the darkest corner. Without
         `white`, very many pixels of just the largest count are taken for saturated.
     sensor
@@ -120,6 +121,7 @@ def import_psf(
     developed = develop(
         frame,
         dark=dark,
+        flat=flat,
         black=black_level(black, frame),
         white=level,
         channels=channels,
@@ -143,6 +145,13 @@ def import_psf(
         developed, values=full, valid=torch.ones_like(developed.valid), black_stated=known
     )
     warnings = [*check_psf(checked, full), *_saturation_warnings(developed, saturated)]
+    # A black level that is still there would make the contrast of any PSF low.
+    other = no_point_source(full if known else full - darkest_corner(full), frame.source)
+    if other is not None:
+        warnings.append(
+            f"{other}. Give a picture of a small light, such as an LED behind a pinhole, in a dark "
+            "room; what the sensor measured of a scene is for nolens reconstruct"
+        )
     notes: tuple[str, ...] = ()
     psf = full
     if sensor is not None and not wide:

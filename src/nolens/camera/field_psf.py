@@ -1,5 +1,6 @@
 """The point spread functions of one camera at several points of its field."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -8,6 +9,11 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.camera.psf import Flip
+
+_EVEN = 0.16
+"""Standard deviation of the logarithm of light that PSFs of one exposure may have."""
+_FALL, _FALLS = 4.0, 8.0
+"""Power of the cosine with which light falls off the axis, and by how much it may be another."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,45 @@ class FieldPsf:
     def to(self, device: torch.device | str) -> "FieldPsf":
         """The same where it is to be computed with."""
         return replace(self, values=self.values.to(device))
+
+
+def odd_light(cosines: Sequence[float], light: Sequence[float]) -> tuple[int, float] | None:
+    r"""Find the PSF whose light its angle does not explain.
+
+    Light falls with a power p of the cosine of the angle, :math:`\ln L = a + p \ln\cos θ`: with the
+    fourth, or with more where pixels accept less from the side, and with none where PSFs were made
+    equally bright. The other PSFs tell a and p, and so what each one should have.
+
+    Parameters
+    ----------
+    cosines
+        Of the angle off the axis of each, two or more.
+    light
+        Sum of the values of each.
+
+    Returns
+    -------
+    tuple or None
+        Number of the one that is the farthest off, and how many times as much light it has as it
+        should; None if all fit.
+    """
+    least = torch.finfo(torch.float64).tiny
+    fall = torch.tensor(cosines, dtype=torch.float64).log()
+    brightness = torch.tensor(light, dtype=torch.float64).clamp_min(least).log() - _FALL * fall
+    terms = torch.stack([torch.ones_like(fall), fall], dim=1)
+    doubt = torch.zeros(2, 2, dtype=torch.float64)
+    doubt[1, 1] = (_EVEN / _FALLS) ** 2
+    odd: tuple[int, float] | None = None
+    worst = 1.0
+    for number, term in enumerate(terms):
+        others = torch.arange(len(terms)) != number
+        weights = terms[others].T @ terms[others] + doubt
+        reach = torch.linalg.solve(weights, term)
+        off = float(brightness[number] - reach @ (terms[others].T @ brightness[others]))
+        allowed = _EVEN * math.sqrt(1 + float(reach @ term))
+        if abs(off) > worst * allowed:
+            worst, odd = abs(off) / allowed, (number, math.exp(off))
+    return odd
 
 
 def spread(places: Sequence[tuple[float, float]], most: int) -> list[int]:

@@ -1,9 +1,9 @@
 """The point spread functions that were measured of a camera, as they are listed in its folder."""
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from nolens.camera.part import ChannelName, Part, PixelPitch, TiffFile, refusal
 from nolens.quantities import Angle, Length
@@ -85,6 +85,12 @@ class PsfEntry(Part):
         """Whether the point source is straight ahead."""
         return all(each.deg == 0 for each in self.angle)
 
+    @property
+    def cosine(self) -> float:
+        """Of the angle between the light and the axis."""
+        right, up = (math.tan(each.rad) for each in self.angle)
+        return 1 / math.sqrt(1 + right**2 + up**2)
+
     def derived(self, file: str, kind: PsfKind, **changes: Any) -> "PsfEntry":
         """Entry of a PSF, of a source straight ahead, that is made of this one."""
         fields = {"distance": self.distance, "usable_per_mm": self.usable_per_mm, **changes}
@@ -97,29 +103,29 @@ class PsfEntry(Part):
         return same and self.kind == other.kind
 
 
-def _one_camera(entries: tuple[PsfEntry, ...]) -> tuple[PsfEntry, ...]:
-    first = entries[0]
-    names: set[str] = set()
-    for each in entries:
-        if each.pixel != first.pixel or each.channels != first.channels:
-            raise refusal(
-                f"{each.file} has pixels of {each.pixel} and channels {', '.join(each.channels)}, "
-                f"but {first.file} has {first.pixel} and {', '.join(first.channels)}: a set holds "
-                "the PSFs of one camera, read out in one way"
-            )
-        if each.file in names:
-            raise refusal(f"{each.file} is named twice: give every PSF its own file")
-        names.add(each.file)
-    return entries
-
-
 class PsfSet(Part):
     """All PSFs of one camera, in no particular order; all have the same pixels and channels."""
 
     schema_version: Literal[1] = 1
-    psf: Annotated[
-        tuple[PsfEntry, ...], Field(min_length=1, max_length=10_000), AfterValidator(_one_camera)
-    ]
+    psf: tuple[PsfEntry, ...] = Field(min_length=1, max_length=10_000)
+
+    # Of the whole set, as an error of the field `psf` alone would show all of its entries.
+    @model_validator(mode="after")
+    def _one_camera(self) -> Self:
+        first = self.psf[0]
+        names: set[str] = set()
+        for each in self.psf:
+            if each.pixel != first.pixel or each.channels != first.channels:
+                raise refusal(
+                    f"{each.file} has pixels of {each.pixel} and channels "
+                    f"{', '.join(each.channels)}, but {first.file} has {first.pixel} and "
+                    f"{', '.join(first.channels)}: a set holds the PSFs of one camera, read out in "
+                    "one way"
+                )
+            if each.file in names:
+                raise refusal(f"{each.file} is named twice: give every PSF its own file")
+            names.add(each.file)
+        return self
 
     def by_distance(self, kinds: tuple[PsfKind, ...]) -> tuple[PsfEntry, ...]:
         """PSFs of points straight ahead, nearest first; at each distance the first kind there is.

@@ -13,7 +13,8 @@ def _lines(summary: dict[str, Any]) -> Iterator[str]:
         f"{summary['seconds']:.1f} s"
     )
     yield (
-        f"pictures held out: {summary['validation_db']:.2f} dB, without a network "
+        f"pictures held out: {summary['validation_db']:.2f} dB; it began with "
+        f"{summary['validation_start_db']:.2f} dB, and without a network there are "
         f"{summary['validation_before_db']:.2f} dB"
     )
     if summary["stop_reason"] == "interrupted":

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from nolens.camera import Frame
 from nolens.errors import FileError
 from nolens.files.axes import Layout, Part
-from nolens.files.formats import FrameSequence, refuse_dataset, single
+from nolens.files.formats import FrameSequence, refuse_dataset, several_frames, single
 from nolens.files.input import check_bytes, check_size, decoding, quiet_stderr
 
 _CHANNELS = {1: ("grey",), 3: ("R", "G", "B")}
@@ -70,6 +70,22 @@ def open_npy(path: Path, dataset: str | None) -> FrameSequence:
     refuse_dataset(path, dataset)
     array = _map(path)
     return frames_of_array(path, array.shape, array.dtype, partial(_part_of_npy, path))
+
+
+def read_npy_numbers(path: Path) -> NDArray[Any]:
+    """Read one frame of numbers of any type, (channels, height, width): of a map, not of light.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged or too large, or its shape is not that of one frame.
+    """
+    array = _map(path)
+    layout = Layout.of(array.shape, str(path), None)
+    check_size(layout.frame_shape, array.dtype.itemsize, path)
+    if len(layout.names) != 1:
+        raise several_frames(path, len(layout.names))
+    return layout.channels_first(array[layout.part(0)])
 
 
 def _part_of_npy(path: Path, part: Part) -> NDArray[Any]:

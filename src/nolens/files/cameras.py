@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
 import torch
 from pydantic import ValidationError
 from torch import Tensor
@@ -38,11 +39,12 @@ from nolens.camera import (
 )
 from nolens.camera.toml import explain
 from nolens.errors import DataError, FileError
+from nolens.files.arrays import read_npy_numbers
 from nolens.files.atomic import Writer, write_into, write_text
 from nolens.files.frames import read_frame
 from nolens.files.input import read_text, system_errors
 from nolens.files.pictures import write_tiff32
-from nolens.files.tiff import HEIGHTS_IN_UM, write_tiff
+from nolens.files.tiff import HEIGHTS_IN_UM, read_tiff_samples, write_tiff
 
 if TYPE_CHECKING:
     from nolens.twin import Light
@@ -233,14 +235,24 @@ def _read_filters(folder: Path, sensor: Sensor) -> Filters | None:
         curve = _read_spectral_curve(folder / curve.file)
     if array.map is not None:
         source = str(folder / array.map)
-        values = read_frame(folder / array.map).counts
-        numbers = values[0].round().long()
-        if len(values) != 1 or not torch.equal(numbers.float(), values[0]):
+        values = _map_of_filters(folder / array.map)
+        numbers = values[0].long()
+        if len(values) != 1 or not torch.equal(numbers.to(values), values[0]):
             raise DataError(
                 f"{source} is no map of whole numbers with one channel: give the number of the "
                 "filter of each pixel, from 0"
             )
     return Filters.of(array, (sensor.rows, sensor.columns), curve, numbers, source)
+
+
+def _map_of_filters(path: Path) -> Tensor:
+    """Numbers of filters, (channels, rows, columns), of integers of any size."""
+    suffix = path.suffix.lower()
+    if path.is_file() and suffix in (".npy", ".tif", ".tiff"):
+        values = read_npy_numbers(path) if suffix == ".npy" else read_tiff_samples(path).values
+        if values.dtype.kind in "iu":
+            return torch.from_numpy(values.astype(np.int64))
+    return read_frame(path).counts
 
 
 def _heights(values: Tensor, source: str) -> Tensor:

@@ -1,6 +1,7 @@
 """The folder that a camera's PSFs are gathered in: what it has, and what fits to it."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -8,13 +9,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+import torch
 from torch import Tensor
 
 from nolens.calibrate.centring import ReferencePsf
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.field_coverage import coverage_warnings
-from nolens.camera import FieldPsf, Frame, LoadedCamera, PsfEntry, PsfKind
-from nolens.camera.field_psf import around_middle, spread
+from nolens.camera import Camera, FieldPsf, Frame, LoadedCamera, PsfEntry, PsfKind
+from nolens.camera.field_psf import around_middle, odd_light, spread
 from nolens.camera.psf_set import BEST_FIRST
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.atomic import Writer
@@ -36,6 +38,14 @@ from nolens.solvers import FieldPoint
 
 Distance = Length | Literal["infinity"]
 _CLOSE = 0.01
+_SENSOR_SIZED: tuple[PsfKind, ...] = ("captured", "solved")
+"""Kinds of PSFs that are as large as the sensor."""
+_ONE_SIZED: tuple[PsfKind, ...] = (*_SENSOR_SIZED, "field-point")
+"""Kinds of PSFs that are as large as others of the kind and distance."""
+_AGAIN = (
+    "Make it again as the others were made (nolens calibrate, calibrate import or psf), or remove "
+    f"its entry from {PSFS_FILE}"
+)
 _PLAN = "nolens calibrate plan CAMERA --angle 56deg lists the angles for a scene of 56°"
 
 
@@ -185,7 +195,8 @@ class PsfFolder:
         Raises
         ------
         NolensError
-            If there is none, the distance is none of theirs or not clear, or a file is bad.
+            If there is none, the distance is none of theirs or not clear, a file is bad, or one is
+            of another size or exposure than the others.
         """
         listed = self.ahead(*BEST_FIRST)
         have = ", ".join(str(each.distance) for each in listed)
@@ -205,7 +216,10 @@ class PsfFolder:
             return ScenePsfs((ahead,), self.frame(ahead), (), note)
         places = [self._place(each) for each in entries]
         chosen = spread(places, len(places) if most is None else most)
-        frames = [self.frame(each) for each in (*(entries[number] for number in chosen), ahead)]
+        read = [*(entries[number] for number in chosen), ahead]
+        frames = [self.frame(each) for each in read]
+        self._check_sizes(read, frames)
+        self._check_light(read, frames)
         size = max(each.size[0] for each in frames), max(each.size[1] for each in frames)
         # What the file says of the sensor holds for the largest; the others are made as large.
         sensor = next((each.sensor for each in frames if each.size == size), None)
@@ -254,6 +268,50 @@ class PsfFolder:
             )
         return [*best.values()], ""
 
+    def _check_sizes(self, entries: list[PsfEntry], frames: list[Frame]) -> None:
+        """Refuse a PSF that is not as large as the sensor, or as the others of its kind."""
+        for kind in _ONE_SIZED:
+            alike = [(e, f) for e, f in zip(entries, frames, strict=True) if e.kind == kind]
+            if not alike:
+                continue
+            sensor = self._sensor_of(alike[0][0].pixel) if kind in _SENSOR_SIZED else None
+            ((size, _),) = Counter(frame.size for _, frame in alike).most_common(1)
+            for entry, frame in alike:
+                if frame.size != (sensor or size):
+                    rows, columns = sensor or size
+                    whose = f"the sensor of {CAMERA_FILE} has" if sensor else "other PSFs have"
+                    raise DataError(
+                        f"{self.path / entry.file} has {frame.size_text} pixels, but {whose} "
+                        f"{rows}×{columns}: it is of another camera or setting, or was cut. "
+                        f"{_AGAIN}"
+                    )
+
+    def _check_light(self, entries: list[PsfEntry], frames: list[Frame]) -> None:
+        """Refuse a PSF that is brighter or darker than those of its kind and size let expect."""
+        groups: dict[tuple[PsfKind, tuple[int, int]], dict[PsfEntry, float]] = {}
+        for entry, frame in zip(entries, frames, strict=True):
+            light = float(frame.counts.sum(dtype=torch.float64))
+            groups.setdefault((entry.kind, frame.size), {})[entry] = light
+        for alike in groups.values():
+            if len(alike) == 1:
+                continue
+            odd = odd_light([each.cosine for each in alike], [*alike.values()])
+            if odd is not None:
+                entry, light = [*alike.items()][odd[0]]
+                raise DataError(
+                    f"{self.path / entry.file} has {odd[1]:.3g} times the light that the "
+                    f"other PSFs of {entry.distance} let expect at its angle (its values "
+                    f"sum up to {light:.4g}, expected {light / odd[1]:.4g}): it is of "
+                    f"another exposure, light or camera. {_AGAIN}"
+                )
+
+    def _sensor_of(self, pixel: Length) -> tuple[int, int] | None:
+        """Rows and columns of the described sensor in pixels of a pitch, if it is its PSFs'."""
+        sensor = self._described.sensor
+        if not _alike(pixel.um, sensor.superpixel * sensor.pitch.um):
+            return None
+        return sensor.rows // sensor.superpixel, sensor.columns // sensor.superpixel
+
     def coverage_warnings(
         self,
         field_psf: FieldPsf | None,
@@ -281,9 +339,13 @@ class PsfFolder:
         return coverage_warnings(field_psf.places, scene, sensor, pixel_um, self._described_layers)
 
     @cached_property
+    def _described(self) -> Camera:
+        """Its camera, whose other files are not read."""
+        return read_description(self.path / CAMERA_FILE)
+
+    @property
     def _described_layers(self) -> Layers:
-        """The layers of its camera, whose other files are not read."""
-        return Layers.of_camera(read_description(self.path / CAMERA_FILE))
+        return Layers.of_camera(self._described)
 
     def _place(self, entry: PsfEntry) -> tuple[float, float]:
         """Row and column from the sensor's middle to where a PSF's chief ray falls."""
@@ -507,9 +569,9 @@ class PsfFolder:
                 "of a camera, with its camera.toml (-o)"
             )
         if stated is not None and known is not None and stated != known:
-            each = "a pixel" if merged == 1 else f"{merged} of its pixels"
+            given = "not" if merged == 1 else f"but {merged} of its pixels are"
             raise OptionError(
-                f"--pixel {pitch}: a pixel of {named} is {known} wide, but {each} are {stated}; "
+                f"--pixel {pitch}: a pixel of {named} is {known} wide, {given} {stated}; "
                 "leave --pixel out, or give another folder (-o)"
             )
         if first is not None and first.pixel != pixel:

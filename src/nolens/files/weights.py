@@ -4,7 +4,9 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
+from filecmp import cmp
 from functools import cache, partial
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -92,6 +94,13 @@ def sha256_of_weights(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def _facts(prior: str, path: Path) -> dict[str, str]:
+    """What a record says of weights: the prior, their hash, and the card beside them."""
+    card = card_beside(path)
+    named = {"weights_card": card.name} if card.is_file() else {}
+    return {"prior": prior, "weights_sha256": sha256_of_weights(path), **named}
+
+
 def read_weights(path: Path) -> PlugAndPlay:
     """Read a prior from its weights.
 
@@ -111,12 +120,17 @@ def read_weights(path: Path) -> PlugAndPlay:
         wanted = {name: each.half() for name, each in network.state_dict().items()}
         arrays = read_state(path, wanted, _check_about)
     except FileError:
+        if _is_ridge(path):
+            raise FileError(
+                f"{path} is the ridge regulariser that comes with nolens, which has no network: "
+                f"--prior ridge takes it. {_ACCEPTED}"
+            ) from None
         raise FileError(
             f"{path} holds no weights of a prior that this version of nolens knows. {_ACCEPTED}"
         ) from None
     _check_arrays(path, arrays, wanted)
     network.load_state_dict({name: each.float() for name, each in arrays.items()})
-    facts = {"prior": about["prior"], "weights_sha256": sha256_of_weights(path)}
+    facts = _facts(about["prior"], path)
     if refines is None:
         return PlugAndPlay(network.eval(), tuple(about["spreads"]), facts)
     turns = denoiser()
@@ -128,6 +142,13 @@ def read_weights(path: Path) -> PlugAndPlay:
     facts["refines"] = refines
     limits = {name: about[name] for name in _LIMITS if name in about}
     return replace(turns, facts=facts, refinement=Refinement(network.eval(), **limits))
+
+
+def _is_ridge(path: Path) -> bool:
+    """Whether a file is that of the ridge regulariser that comes with nolens."""
+    with suppress(OSError), as_file(files(_SHIPPED).joinpath("ridge.npz")) as shipped:
+        return cmp(path, shipped, shallow=False)
+    return False
 
 
 def _check_about(about: Mapping[str, Any]) -> None:
@@ -202,5 +223,5 @@ def ridge() -> RidgePrior:
     with as_file(files(_SHIPPED).joinpath("ridge.npz")) as path:
         with np.load(path, allow_pickle=False) as stored:
             weights = RidgeWeights.from_arrays({name: stored[name] for name in stored.files})
-        facts = {"prior": "ridge", "weights_sha256": sha256_of_weights(path)}
+        facts = _facts("ridge", path)
         return RidgePrior(weights, facts=facts)

@@ -1,5 +1,6 @@
 """`nolens refocus`: pictures at any depth of one measurement."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,7 @@ from pydantic import AfterValidator
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
+from nolens.calibrate.field_coverage import coverage_warnings
 from nolens.camera import (
     FieldPsf,
     Measurement,
@@ -58,6 +60,7 @@ from nolens.jobs.fields import (
 from nolens.jobs.options import Option, Written
 from nolens.jobs.reconstruction.options import LESS_MEMORY, parse_support
 from nolens.jobs.run import Product, Run, Writer, check_solver_memory, job, mapped_where_needed
+from nolens.operators import PixelRectangle
 from nolens.ranges import Between
 from nolens.refocusing import (
     AllInFocus,
@@ -70,6 +73,7 @@ from nolens.refocusing import (
     even_depths,
     focal_stack,
     focus,
+    per_m,
 )
 from nolens.solvers import Development, Prior
 
@@ -313,6 +317,10 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     run.warn(
         *psfs.warnings, *psfs.depth_warnings(stated, depth if isinstance(depth, tuple) else None)
     )
+    if options.stack is not None:
+        stated += even_depths(*_range_um(options.stack), options.steps)
+    sought = psfs.distances_um if isinstance(depth, tuple) else ()
+    run.warn(*field_warnings(psfs, (*stated, *sought), measurement.size, support))
     needed = mapped_where_needed(
         reconstructor.at(farthest, psfs.field_at(psfs.distances_um[-1])),
         measurement,
@@ -413,6 +421,39 @@ def read_depth_psfs(
         return depths
     pixel_um = bin_by * camera.sensor.superpixel * camera.sensor.pitch.um
     return replace(depths, field=DepthField(known, Layers.of_camera(camera), pixel_um))
+
+
+def field_warnings(
+    psfs: DepthPsfs,
+    depths_um: Sequence[float],
+    sensor: tuple[int, int],
+    support: PixelRectangle | None,
+) -> list[str]:
+    """About angles of a scene that PSFs over the field do not cover (`coverage_warnings`).
+
+    Parameters
+    ----------
+    psfs
+        Of a measurement.
+    depths_um
+        Of the scene.
+    sensor
+        (height, width) of the measurement.
+    support
+        Of the scene; None takes the sensor's frame.
+    """
+    if psfs.field is None:
+        return []
+    known, texts = psfs.field.known, list[str]()
+    # Each depth has the PSFs of the nearest distance.
+    used = {min(known, key=lambda each: abs(per_m(each) - per_m(depth))) for depth in depths_um}
+    for distance in sorted(used):
+        field_psf, scene = known[distance], support or PixelRectangle(0, 0, *sensor)
+        if field_psf is not None:
+            texts += coverage_warnings(
+                field_psf.places, scene, sensor, psfs.field.pixel_um, psfs.field.layers
+            )
+    return list(dict.fromkeys(texts))
 
 
 def _field_psf(

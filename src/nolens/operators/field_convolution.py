@@ -176,7 +176,8 @@ class FieldConvolution(CroppedConvolution):
     Raises
     ------
     OptionError
-        If no light from the support reaches the sensor, or the numbers of PSFs and places differ.
+        If no light from the support reaches the sensor, the numbers of PSFs and places differ, or
+        the error is not from 0 to below 1.
 
     Notes
     -----
@@ -197,6 +198,11 @@ class FieldConvolution(CroppedConvolution):
         if len(psfs) != len(places):
             raise OptionError(
                 f"there are {len(psfs)} PSFs and {len(places)} places: give one place for each"
+            )
+        if not 0 <= error < 1:
+            raise OptionError(
+                f"the error is {error:g}; give a fraction of the PSFs from 0 to below 1, such as "
+                "0.01, or 0 for all of them"
             )
         super().__init__(psfs[0], sensor, support)
         scene = PixelRectangle(*self.geometry.origin, *self.geometry.scene[2:])

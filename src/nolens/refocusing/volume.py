@@ -14,6 +14,8 @@ from nolens.refocusing.focal_stack import AllInFocus, FocalStack
 
 _CLOSE = 0.5
 """Depths of focus that are between planes at least, for each to show what lies there."""
+_NAMED = 3
+"""Pairs of planes that a warning names."""
 _AROUND = 9
 """Pixels along the square over which the light's mean is taken."""
 _DARK = 0.05
@@ -35,17 +37,22 @@ def spacing_warnings(depths_um: Sequence[float], focus_per_m: float) -> list[str
         for near, far in pairwise(depths_um)
     }
     unit = f"the depth of focus is {focus_per_m:.3g}/m in 1/z"
+
+    def listed(names: Sequence[str]) -> str:
+        more = len(names) - _NAMED
+        return ", ".join(names[:_NAMED]) + (f", and {more} more" if more > 0 else "")
+
     close = [name for name, steps in apart.items() if steps < _CLOSE]
     wide = [f"{name} ({steps:.1f})" for name, steps in apart.items() if steps > 1.5]
     texts = []
     if close:
         texts.append(
-            f"planes at {', '.join(close)} are nearer to one another than a half of the depth of "
+            f"planes at {listed(close)} are nearer to one another than a half of the depth of "
             f"focus ({unit}): light of one may show at the other; leave some out"
         )
     if wide:
         texts.append(
-            f"the depths have gaps: between {', '.join(wide)} lie more depths of focus than one, "
+            f"the depths have gaps: between {listed(wide)} lie more depths of focus than one, "
             f"in brackets ({unit}); what is in a gap comes out blurred, at the planes beside it"
         )
     return texts

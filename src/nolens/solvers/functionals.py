@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, Self
 import torch
 from torch import Tensor
 
-from nolens.errors import OptionError
+from nolens.errors import DataError, OptionError
 from nolens.kernels import OPPONENTS
 from nolens.operators import Crop, Diagonal, FiniteDifference, LinearOperator
 
@@ -178,12 +178,19 @@ class Composed(Functional):
     ----------
     functional, operator
         f and K.
+
+    Raises
+    ------
+    DataError
+        If f is a data term, and its measurement has another shape than K gives.
     """
 
     def __init__(self, functional: Functional, operator: LinearOperator) -> None:
         inner, first = functional.parts
         self.functional = inner
         self.operator = operator if first is None else first @ operator
+        if inner.data is not None:
+            _check_shape(tuple(inner.data.shape), self.operator.range_shape)
 
     def _value(self, v: Tensor) -> Tensor:
         return self.functional(self.operator(v))
@@ -205,9 +212,19 @@ class Box(Functional):
     ----------
     lower, upper
         Numbers, or tensors that broadcast.
+
+    Raises
+    ------
+    OptionError
+        If the lower bound is above the upper one somewhere, or one is NaN.
     """
 
     def __init__(self, lower: Tensor | float, upper: Tensor | float) -> None:
+        if not bool((torch.as_tensor(lower) <= torch.as_tensor(upper)).all()):
+            raise OptionError(
+                f"the box is from {_range(lower)} to {_range(upper)}: give a lower bound that is "
+                "nowhere above the upper one"
+            )
         self.lower, self.upper = lower, upper
 
     def _value(self, v: Tensor) -> Tensor:
@@ -528,6 +545,23 @@ def lengths(v: Tensor, axis: int | tuple[int, ...]) -> Tensor:
 def length(v: Tensor) -> float:
     """‖v‖."""
     return float(torch.linalg.vector_norm(v))
+
+
+def _check_shape(measured: tuple[int, ...], product: tuple[int, ...]) -> None:
+    """Refuse a measurement whose last axes are others than an operator gives."""
+    common = min(len(measured), len(product))
+    if common and measured[-common:] != product[-common:]:
+        raise DataError(
+            f"the measurement is {measured}, and the operator gives {product} as the last axes: give "
+            "a measurement of that shape, or the operator that it is of"
+        )
+
+
+def _range(bound: Tensor | float) -> str:
+    """A bound as messages have it; of a tensor its shape."""
+    if isinstance(bound, Tensor) and bound.numel() > 1:
+        return f"a tensor {tuple(bound.shape)}"
+    return f"{float(bound):g}"
 
 
 def _indicator(v: Tensor, feasible: bool) -> Tensor:

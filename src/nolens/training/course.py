@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
+from nolens.errors import DivergenceError
 from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import DenoisingNetwork
 from nolens.training.denoising import Trainer, network_of, prefixed, without_prefix
@@ -29,6 +30,8 @@ class Lessons(Protocol):
 class Course:
     """Steps of a trainer, until there are enough or the network gets no better.
 
+    The network that it starts from is measured first, and is the best one until another is better.
+
     Parameters
     ----------
     trainer
@@ -46,6 +49,13 @@ class Course:
         A row for each check: step, mean loss since the one before, score in dB.
     scores
         Of the best network so far, by kind of picture.
+    scores_start
+        Of the network that it starts from.
+
+    Raises
+    ------
+    DivergenceError
+        If that network gives NaN or infinity.
     """
 
     def __init__(
@@ -53,8 +63,14 @@ class Course:
     ) -> None:
         self.trainer, self.patience = trainer, patience
         self._lessons, self._held_out = lessons, held_out
-        self._best = {name: each.clone() for name, each in trainer.network.state_dict().items()}
-        self.scores: dict[str, float] = {ALL: -math.inf}
+        first = trainer.trained()
+        self.scores_start = held_out.scores(first)
+        if not math.isfinite(self.scores_start[ALL]):
+            raise DivergenceError(
+                "the weights to start from give NaN or infinity on the pictures held out: give "
+                "others (--start)"
+            )
+        self._best, self.scores = first.state_dict(), self.scores_start
         self.history: list[dict[str, float]] = []
         self._losses: list[Tensor] = []
         self._since_best = 0
@@ -63,6 +79,13 @@ class Course:
     def best(self) -> DenoisingNetwork:
         """The network with the best score so far."""
         return network_of(self._best, like=self.trainer.network)
+
+    @property
+    def best_step(self) -> int:
+        """After which step the network was the best; 0 is the one that it starts from."""
+        if self.scores[ALL] <= self.scores_start[ALL]:
+            return 0
+        return int(max(self.history, key=lambda row: row["validation_db"])["step"])
 
     @property
     def got_no_better(self) -> bool:
@@ -84,17 +107,38 @@ class Course:
             self.check()
 
     def check(self) -> None:
-        """Measure the network as it is; nothing where that was done at this step."""
+        """Measure the network as it is; nothing where that was done at this step.
+
+        Raises
+        ------
+        DivergenceError
+            If a loss since the last check, or the score, is NaN or infinite.
+        """
         if self.history and self.history[-1]["step"] == self.trainer.step:
             return
+        losses = self._finite_losses()
         network = self.trainer.trained()
         scores = self._held_out.scores(network)
-        loss = sum(map(float, self._losses)) / max(len(self._losses), 1)
+        self._check_finite(scores[ALL])
+        loss = sum(losses) / max(len(losses), 1)
         self.history.append({"step": self.trainer.step, "loss": loss, "validation_db": scores[ALL]})
         self._losses, self._since_best = [], self._since_best + 1
         if scores[ALL] > self.scores[ALL]:
             self.scores, self._since_best = scores, 0
-            self._best = {name: each.clone() for name, each in network.state_dict().items()}
+            self._best = network.state_dict()
+
+    def _finite_losses(self) -> list[float]:
+        """Since the last check; to look at each step's would make a CUDA device wait."""
+        losses = [float(each) for each in self._losses]
+        self._check_finite(*losses)
+        return losses
+
+    def _check_finite(self, *values: float) -> None:
+        if not all(map(math.isfinite, values)):
+            raise DivergenceError(
+                f"the training gave NaN or infinity by step {self.trainer.step}: give a smaller "
+                f"--rate than {self.trainer.schedule.rate:g}"
+            )
 
     def arrays(self) -> dict[str, Tensor]:
         """All tensors that `restore` needs, by name."""
@@ -105,17 +149,26 @@ class Course:
         return {**self.trainer.like_arrays(), **prefixed("best", self._best)}
 
     def figures(self) -> dict[str, Any]:
-        """All that `restore` needs beside the tensors, in values that JSON has."""
+        """All that `restore` needs beside the tensors, in values that JSON has.
+
+        Raises
+        ------
+        DivergenceError
+            If a loss since the last check is NaN or infinite.
+        """
         return {
             "step": self.trainer.step,
-            "scores": dict(self.scores) if self.history else {},
+            "scores": dict(self.scores),
             "history": list(self.history),
-            "losses": [float(each) for each in self._losses],
+            "losses": self._finite_losses(),
             "since_best": self._since_best,
         }
 
     def restore(self, arrays: Mapping[str, Tensor], figures: Mapping[str, Any]) -> None:
         """Go on where another course stood, by its `arrays` and `figures`.
+
+        Its best network counts where it is better than the one that this course starts from:
+        checkpoints of before did not compare the two.
 
         Raises
         ------
@@ -123,12 +176,12 @@ class Course:
             If they are none of a course.
         """
         self.trainer.restore(arrays, int(figures["step"]))
-        self._best = without_prefix("best", arrays)
         self.history = [
             {str(name): each[name] for name in ("step", "loss", "validation_db")}
             for each in figures["history"]
         ]
         scores = {str(name): float(each) for name, each in figures["scores"].items()}
-        self.scores = {ALL: -math.inf, **scores}
+        if scores.get(ALL, -math.inf) > self.scores[ALL]:
+            self._best, self.scores = without_prefix("best", arrays), scores
         self._losses = [torch.tensor(float(each)) for each in figures["losses"]]
         self._since_best = int(figures["since_best"])

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
-from nolens.camera import Camera, FieldPsf, PsfEntry, PsfKind
+from nolens.camera import Camera, FieldPsf, PsfEntry, PsfKind, Sensor
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
-from nolens.files import PSFS_FILE, write_psfs
+from nolens.files import CAMERA_FILE, PSFS_FILE, write_psfs
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import RECORD, JobOptions, Option, Written
 from nolens.jobs.run import Product, Value, Writer
@@ -58,6 +58,27 @@ def place_name(distance: Length | Literal["infinity"], angle: tuple[Angle, Angle
     if any(each.deg != 0 for each in angle):
         text += "".join(f"-{each.deg:.6g}deg" for each in angle)
     return text
+
+
+def filter_warnings(sensor: Sensor | None, source: str) -> list[str]:
+    """Warn of a PSF that was captured through the filters of a sensor's pixels.
+
+    Parameters
+    ----------
+    sensor
+        Of the folder's camera; None where that is not described.
+    source
+        The PSF's file, for messages.
+    """
+    array = None if sensor is None else sensor.filters
+    if array is None or array.transmission is None:
+        return []
+    return [
+        f"{source} was captured through the filters of the sensor's pixels ({CAMERA_FILE}), whose "
+        "pattern is still in the PSF: reconstructions take the filters for a part of the mask's "
+        "pattern, too. Give a frame of the point source, and one of even light of the same colour "
+        "that the pattern is divided by (nolens calibrate import FRAME --flat EVEN)"
+    ]
 
 
 def field_entries(

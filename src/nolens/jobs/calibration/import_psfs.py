@@ -17,7 +17,7 @@ from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import PSFS_FILE, read_frame, readable
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.calibration.folder import added, output_folder, place_name
+from nolens.jobs.calibration.folder import added, filter_warnings, output_folder, place_name
 from nolens.jobs.fields import (
     CAMERAS,
     INPUT,
@@ -30,6 +30,7 @@ from nolens.jobs.fields import (
     FieldAngles,
     FilePath,
     Files,
+    Flat,
     Mosaic,
     Name,
     White,
@@ -127,6 +128,7 @@ class CalibrateImportOptions(JobOptions):
         ),
     ] = "sensor"
     dark: Dark = None
+    flat: Flat = None
     black: Annotated[
         BlackLevel,
         Option(
@@ -245,6 +247,7 @@ def calibrate_import(run: Run[CalibrateImportOptions]) -> Product[dict[PsfEntry,
     sensor = _sensor_size(options, folder)
     chip = None if camera is None else camera.sensor
     dark = None if options.dark is None else _read(options, options.dark, chip)
+    flat = None if options.flat is None else _read(options, options.flat, chip)
     run.begin()
     made: dict[PsfEntry, Tensor] = {}
     rows: list[dict[str, Any]] = []
@@ -253,6 +256,7 @@ def calibrate_import(run: Run[CalibrateImportOptions]) -> Product[dict[PsfEntry,
         imported = import_psf(
             _read(options, path, chip),
             dark=dark,
+            flat=flat,
             black=options.black,
             white=options.white,
             channels=options.channels,
@@ -272,6 +276,8 @@ def calibrate_import(run: Run[CalibrateImportOptions]) -> Product[dict[PsfEntry,
             )
         psf, figures = imported.psf, imported.figures()
         run.warn(*imported.warnings)
+        if flat is None:
+            run.warn(*filter_warnings(chip, entry.file))
         if options.centre == "light":
             placed = place_psf(
                 psf,

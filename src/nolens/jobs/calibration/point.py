@@ -20,6 +20,7 @@ from nolens.files.psf_folder import PsfFolder
 from nolens.jobs.calibration.folder import (
     NewPsfOptions,
     added,
+    filter_warnings,
     output_folder,
     place_name,
 )
@@ -220,6 +221,7 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     )
     advance(1.0)
 
+    run.warn(*filter_warnings(sensor, entry.file))
     usable = round(point.usable_per_mm, 2) or None
     entry = entry.model_copy(update={"frame": placed.frame, "usable_per_mm": usable})
     run.warn(*warnings, *point.warnings(known_floor=bool(darks)), *placed.warnings)

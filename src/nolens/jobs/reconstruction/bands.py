@@ -15,15 +15,16 @@ from nolens.camera.psf_set import depth_um
 from nolens.camera.spectra import linear_stokes, spectral_srgb
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.files import CAMERA_FILE, write_png
+from nolens.files import CAMERA_FILE, PSFS_FILE, write_png
 from nolens.files.atomic import Writer
 from nolens.files.ome import write_ome_tiff
 from nolens.files.psf_folder import PsfFolder
 from nolens.files.spectra import plot_spectrum, write_spectrum
 from nolens.jobs.bands import band_names, parse_bands
 from nolens.jobs.reconstruction.options import BANDS_FILES, ReconstructOptions, parse_support
-from nolens.jobs.reconstruction.stack import solve_stack
+from nolens.jobs.reconstruction.stack import fewer_slices, solve_stack
 from nolens.jobs.run import Product, Run
+from nolens.machine import BYTES_OF_PROGRAM
 from nolens.operators import CroppedConvolution, Geometry, PixelRectangle, StackConvolution
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
@@ -44,7 +45,8 @@ _LIGHT = Light("equal-energy")
 _AROUND = 15
 """Pixels along the square that a pixel's mean light is taken over."""
 _HALF, _ALIKE = 0.5, 1e-5
-_REMEDY = "fewer --bands, a smaller --support or a camera with fewer pixels need less"
+_LESS = "a smaller --support or a camera with fewer pixels need less"
+_REMEDY = f"fewer --bands, {_LESS}"
 
 
 def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
@@ -77,7 +79,11 @@ def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
                 "pixels (rows × columns): give a row and a column of it, from 0"
             )
     padded = Geometry.build(measurement.size, (psfs.shape[-2], psfs.shape[-1]), support).padded
-    run.begin(stack_bytes(len(bands), 1, padded), _REMEDY)
+    each = stack_bytes(1, 1, padded)
+    run.begin(
+        BYTES_OF_PROGRAM + len(bands) * each,
+        fewer_slices("bands", len(bands), each, run.device, _LESS),
+    )
     problem = StackProblem.build(
         StackConvolution(
             [
@@ -259,7 +265,8 @@ def _measured_psfs(
         if psf.shape[0] < sensor[0] or psf.shape[1] < sensor[1]:
             raise DataError(
                 f"a PSF has {psf.shape[0]}×{psf.shape[1]} pixels and the sensor {sensor[0]}×"
-                f"{sensor[1]}: --bands needs PSFs on all pixels of the sensor, not superpixels"
+                f"{sensor[1]}: --bands needs PSFs on all pixels of the sensor, not superpixels. A "
+                f"folder with {CAMERA_FILE} and without {PSFS_FILE} has them simulated"
             )
         psfs.append(psf / psf.sum())
     return torch.stack(psfs)

@@ -192,26 +192,23 @@ def _uncertainty(
     found = uncertainty(setup.reconstructor, problem, result, count, progress=watch)
     if found is None:
         return {}
-    spread = arrange_rgb(setup.picture(found.spread), setup.measurement.channels)
-    gain = white / _bright(spread)
-    pictures = [
-        SheetPicture(
-            "picture", arrange_rgb(setup.picture(result.scene), setup.measurement.channels)
-        ),
-        SheetPicture(f"spread of {count} samples, ×{gain:.2g}", gain * spread),
-    ]
-    if result.first is not None:
-        usual = replace(setup.reconstructor, prior=problem.prior).solve(problem)
-        other = (setup.picture(result.scene) - setup.picture(usual.scene)).abs()
-        other = arrange_rgb(other, setup.measurement.channels)
-        gain = white / _bright(other)
-        label = f"difference from total variation, ×{gain:.2g}"
-        pictures.append(SheetPicture(label, gain * other))
-    values, sheet = setup.options.uncertainty_files
-    return {
-        values: partial(write_tiff32, radiance=spread),
-        sheet: partial(write_contact_sheet, pictures=pictures, white=white),
-    }
+
+    def seen(scene: Tensor) -> Tensor:
+        return arrange_rgb(setup.picture(scene), setup.measurement.channels)
+
+    pictures = [SheetPicture("picture", seen(result.scene))]
+    writers: dict[Path, Writer] = {}
+    values, difference, sheet = setup.options.uncertainty_files
+    for path, what, scene in (
+        (values, f"spread of {count} samples", found.spread),
+        (difference, "difference from total variation", found.disagreement),
+    ):
+        if scene is not None:
+            gain = white / _bright(seen(scene))
+            pictures.append(SheetPicture(f"{what}, ×{gain:.2g}", gain * seen(scene)))
+            writers[path] = partial(write_tiff32, radiance=seen(scene))
+    writers[sheet] = partial(write_contact_sheet, pictures=pictures, white=white)
+    return writers
 
 
 def _bright(picture: Tensor) -> float:

@@ -64,6 +64,10 @@ _SWEPT: dict[str, tuple[str | None, ...]] = {
     "support": (None, "full", "x1", "x0.75", "x0.5"),
 }
 """Factors on the weight, and on the sides of the sensor's frame, in the names of files."""
+_SEVERAL = "Several pictures of one frame"
+"""Heading of options by which one frame gives more than one picture."""
+_MOST_OF_BANDS = 4000
+"""Characters of a list of them."""
 _UNSWEPT = (Prior.AUTO, Prior.COLOUR_TV)
 """Priors that are another one, or for colours alone."""
 
@@ -106,6 +110,13 @@ BANDS_FILES = {
     "plot of the spectrum": "spectrum.png",
 }
 """Files of bands, by what they hold."""
+
+
+def _as_bands(value: object) -> object:
+    """Their number as a text; a text of more than a path has lists too many."""
+    if isinstance(value, str) and len(value) > _MOST_OF_BANDS:
+        raise refusal("give at most 256 bands, or a .txt that lists them")
+    return str(value) if isinstance(value, int) else value
 
 
 def _split_depths(value: object) -> object:
@@ -206,17 +217,19 @@ class ReconstructOptions(JobOptions):
             "Planes that are solved together, such as 8cm,12cm,20cm,inf: all of the measurement "
             "is the sum of their light. That near objects hide far ones is not modelled. --psf is "
             "a camera's folder, or the PSF of a source at --distance by --camera.",
+            _SEVERAL,
             default="one plane",
             label="Depths",
         ),
     ] = None
     bands: Annotated[
         Name | None,
-        BeforeValidator(lambda given: str(given) if isinstance(given, int) else given),
+        BeforeValidator(_as_bands),
         Option(
             "Spectrum of every scene pixel, of raw counts through the filters on the sensor's "
             "pixels: how many bands (12), their wavelengths (450nm,475nm,...), a .txt that lists "
             "them; or angles, for polarisers. --psf is the camera's folder.",
+            _SEVERAL,
             default="the sensor's colours",
             label="Bands",
         ),
@@ -238,7 +251,8 @@ class ReconstructOptions(JobOptions):
         Option(
             "Weight of differences between neighbouring bands over those between neighbouring "
             "pixels.",
-            SOLVER,
+            _SEVERAL,
+            label="Spectral smoothness",
         ),
     ] = 0.3
     depth_smoothness: Annotated[
@@ -248,7 +262,8 @@ class ReconstructOptions(JobOptions):
             "For --depths, weight of differences between neighbouring planes over those between "
             "neighbouring pixels: total variation in 3D, for translucent bodies that are several "
             "planes thick.",
-            SOLVER,
+            _SEVERAL,
+            label="Depth smoothness",
         ),
     ] = 0.0
     sweep: Annotated[
@@ -264,8 +279,9 @@ class ReconstructOptions(JobOptions):
         Annotated[int, Between(2, 1000)] | None,
         Option(
             "Also write how far each pixel can be trusted, by so many pictures with other noise, "
-            "such as 8: out-uncertainty.tif, and a sheet of it, with where a trained prior and "
-            "total variation disagree, out-uncertainty.png. Each takes as long as the picture.",
+            "such as 8: out-uncertainty.tif; by how much a trained prior and total variation "
+            "disagree, out-uncertainty-difference.tif; and a sheet of both, out-uncertainty.png. "
+            "Each takes as long as the picture.",
             PICTURE,
             label="Samples of the uncertainty",
         ),
@@ -275,6 +291,7 @@ class ReconstructOptions(JobOptions):
         Option(
             "A video of so many frames from one frame of a camera with a rolling shutter, such as "
             "24: --psf is the folder of a camera whose sensor has line_time_us and rolling.",
+            _SEVERAL,
             label="Frames of a video",
         ),
     ] = None
@@ -330,7 +347,8 @@ class ReconstructOptions(JobOptions):
             "For --depths, noise of the pixels: even, more where there is more light (shot), or "
             "Poisson's law itself in place of its variance (poisson). auto: shot where --psf's "
             "folder or --camera describes the sensor, else even.",
-            SOLVER,
+            _SEVERAL,
+            label="Noise",
         ),
     ] = "auto"
     iterations: Annotated[
@@ -394,7 +412,7 @@ class ReconstructOptions(JobOptions):
         Exposure | None,
         Option(
             "With --frames, the exposure time of a line, such as 1ms.",
-            INPUT,
+            _SEVERAL,
             default="what the frame's file says",
             label="Exposure time of a line",
         ),
@@ -413,7 +431,7 @@ class ReconstructOptions(JobOptions):
         _Places | None,
         Option(
             "Writes the spectrum at a ROW,COLUMN of the bands, as .csv and plot.",
-            PICTURE,
+            _SEVERAL,
             label="Row and column of a spectrum",
         ),
     ] = None
@@ -647,8 +665,9 @@ class ReconstructOptions(JobOptions):
             ]
             pictures.append(Written("sheet of the sweep", self.contact_sheet))
         if self.uncertainty is not None:
-            values, sheet = self.uncertainty_files
+            values, difference, sheet = self.uncertainty_files
             pictures += [Written("uncertainty", values), Written("sheet of it", sheet)]
+            pictures.append(Written("difference from total variation", difference))
         return (*pictures, Written("record of the run", self.record))
 
     @property
@@ -667,11 +686,15 @@ class ReconstructOptions(JobOptions):
         return output.with_name(f"{output.stem}-{self.sweep}-{name}{output.suffix}")
 
     @property
-    def uncertainty_files(self) -> tuple[Path, Path]:
-        """Files of the uncertainty: values, and a sheet to look at."""
+    def uncertainty_files(self) -> tuple[Path, Path, Path]:
+        """Of the uncertainty: the spread, what priors disagree by, and a sheet to look at."""
         first = self.output[0]
         stem = f"{first.stem}-uncertainty"
-        return first.with_name(f"{stem}.tif"), first.with_name(f"{stem}.png")
+        return (
+            first.with_name(f"{stem}.tif"),
+            first.with_name(f"{stem}-difference.tif"),
+            first.with_name(f"{stem}.png"),
+        )
 
     @property
     def contact_sheet(self) -> Path:

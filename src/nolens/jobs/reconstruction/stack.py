@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.run import Run
+from nolens.machine import BYTES_OF_PROGRAM, memory_bytes
 from nolens.solvers import Progress, Result, StackProblem
 
 
@@ -28,6 +30,32 @@ class SolvedStack:
     result: Result
     figures: dict[str, Any]
     parameters: dict[str, Any]
+
+
+def fewer_slices(
+    what: str, asked: int, bytes_of_each: float, device: torch.device, remedy: str
+) -> str:
+    """What would need less memory, as the end of a sentence: how many slices would fit, and more.
+
+    Parameters
+    ----------
+    what
+        Slices of the stack, such as "depths".
+    asked
+        How many there are to be.
+    bytes_of_each
+        That one takes (`nolens.solvers.stack_bytes`).
+    device
+        Where it computes.
+    remedy
+        What else would need less.
+    """
+    fitting = int((memory_bytes(device) - BYTES_OF_PROGRAM) / bytes_of_each)
+    if fitting >= asked:
+        return remedy
+    if fitting < 2:
+        return f"not even 2 {what} would fit, so that fewer are no help; {remedy}"
+    return f"{fitting} {what} would fit in place of {asked}; {remedy}"
 
 
 def solve_stack(

@@ -11,6 +11,7 @@ from nolens.camera import (
     Frame,
     LoadedCamera,
     Sensor,
+    Shutter,
     arrange_rgb,
     exposure_white,
     flipped,
@@ -19,13 +20,15 @@ from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
 from nolens.files.contact_sheet import SheetPicture, write_contact_sheet
 from nolens.files.ome import write_ome_tiff
-from nolens.files.psf_folder import pixel_of_camera
+from nolens.files.psf_folder import PsfFolder, pixel_of_camera
 from nolens.files.video import check_video_support, write_mp4
 from nolens.jobs.reconstruction.options import LESS_MEMORY, ReconstructOptions
 from nolens.jobs.reconstruction.setup import Prepared, psf_row, read_development
-from nolens.jobs.reconstruction.stack import solve_stack
+from nolens.jobs.reconstruction.stack import fewer_slices, solve_stack
 from nolens.jobs.run import Product, Run, Writer
+from nolens.machine import BYTES_OF_PROGRAM
 from nolens.solvers import stack_bytes
+from nolens.solvers.inputs import support_of
 from nolens.solvers.video import ACROSS, VideoProblem
 
 _ITERATIONS, _TOLERANCE = 60, 3e-3
@@ -58,13 +61,12 @@ def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
     exposure_s = _exposure_s(options, frame)
     problem = VideoProblem.build(prepared.reconstructor, measurement, sensor, exposure_s, frames)
     shutter, single = problem.shutter, problem.single
-    distinct = max(2, int(shutter.duration_s / shutter.exposure_s))
-    if shutter.exposure_s > _APART * problem.frame_s:
-        run.warn(
-            f"each line is exposed for {shutter.exposure_s / problem.frame_s:.1f} frames, which "
-            f"blurs them into one another: a shorter exposure, or --frames {distinct}"
-        )
-    run.begin(stack_bytes(frames, single.channels, single.forward.geometry.padded), LESS_MEMORY)
+    run.warn(*_coverage_warnings(prepared), *_blur_warnings(shutter, problem.frame_s))
+    each = stack_bytes(1, single.channels, single.forward.geometry.padded)
+    run.begin(
+        BYTES_OF_PROGRAM + frames * each,
+        fewer_slices("frames", frames, each, run.device, LESS_MEMORY),
+    )
     solved = solve_stack(
         run,
         problem.stack,
@@ -76,6 +78,7 @@ def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
     video = flipped(problem.video(solved.scene), options.flip)
     figures = {
         **solved.figures,
+        "field_points": single.forward.field_points,
         "video": {
             "frames": len(video),
             "frame_s": problem.frame_s,
@@ -110,6 +113,35 @@ def _rolling_sensor(options: ReconstructOptions, camera: LoadedCamera | None) ->
             f'rolling, such as "down", under [sensor] in {options.psf.parent / CAMERA_FILE}'
         )
     return camera.camera.sensor
+
+
+def _coverage_warnings(prepared: Prepared) -> list[str]:
+    """About angles of the scene that PSFs over the field do not cover."""
+    options, size = prepared.options, prepared.measurement.size
+    if options.psf_folder is None:
+        return []
+    scene = support_of(prepared.reconstructor.support, size)
+    folder, field_psf = PsfFolder(options.psf_folder), prepared.reconstructor.field_psf
+    return folder.coverage_warnings(field_psf, scene, size, prepared.development.merged)
+
+
+def _blur_warnings(shutter: Shutter, frame_s: float) -> list[str]:
+    """About an exposure that is long beside a frame, or beside all of the readout."""
+    distinct = int(shutter.duration_s / shutter.exposure_s)
+    readout_s = shutter.duration_s - shutter.exposure_s
+    if distinct < 2:
+        return [
+            f"each line is exposed for {1e3 * shutter.exposure_s:.4g} ms, and the last begins "
+            f"{1e3 * readout_s:.3g} ms after the first: all show nearly the same moments, and no "
+            "video can be had of them, whatever --frames says. Expose for "
+            f"{1e3 * readout_s:.3g} ms or less"
+        ]
+    if shutter.exposure_s <= _APART * frame_s:
+        return []
+    return [
+        f"each line is exposed for {shutter.exposure_s / frame_s:.1f} frames, which blurs them "
+        f"into one another: a shorter exposure, or --frames {distinct}"
+    ]
 
 
 def _exposure_s(options: ReconstructOptions, frame: Frame) -> float:

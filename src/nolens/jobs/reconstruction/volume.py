@@ -25,10 +25,10 @@ from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, read_psf_set
 from nolens.files.stacks import volume_writers
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_support
-from nolens.jobs.reconstruction.stack import solve_stack
-from nolens.jobs.refocusing import read_depth_psfs
+from nolens.jobs.reconstruction.stack import fewer_slices, solve_stack
+from nolens.jobs.refocusing import field_warnings, read_depth_psfs
 from nolens.jobs.run import Product, Run
-from nolens.machine import BYTES_OF_PROGRAM, check_memory, mapped_note, memory_bytes
+from nolens.machine import BYTES_OF_PROGRAM, check_memory, mapped_note
 from nolens.operators import (
     TRANSFER_BYTES,
     CroppedConvolution,
@@ -91,6 +91,7 @@ def reconstruct_volume(
     run.warn(*spacing_warnings(depths, known.depth_of_focus_per_m))
     farthest = known.at(depths[-1])
     support = _support(run, measurement, known)
+    run.warn(*field_warnings(known, depths, measurement.size, support))
     mapped = _check_memory(run, measurement, farthest, support, len(depths))
     operators = _operators(run, depths, measurement, known, support, mapped=mapped)
     run.begin()
@@ -116,6 +117,7 @@ def reconstruct_volume(
     figures: dict[str, Any] = {
         **known.figures(),
         "depths_mm": [depth_mm(each) for each in depths],
+        "field_points": max(each.field_points for each in operators),
         "light_of_depths": (pages.sum((1, 2, 3)) / pages.sum()).tolist(),
         **solved.figures,
         "prior": options.prior,
@@ -268,12 +270,11 @@ def _check_memory(
     points = _most_field_points(run.options)
     each = stack_bytes(1, len(measurement.channels), padded)
     of_psfs = TRANSFER_BYTES * points * pixels if points > 1 else 0
-    fitting = int((memory_bytes(run.device) - BYTES_OF_PROGRAM) / each)
+    remedy = "--channels grey, a smaller --support or larger pixels (--bin) need less"
     mapped = check_memory(
         BYTES_OF_PROGRAM + depths * (each + of_psfs),
         run.device,
-        f"{max(1, fitting)} depths would fit in place of {depths}; --channels grey, a smaller "
-        "--support or larger pixels (--bin) need less",
+        fewer_slices("depths", depths, each, run.device, remedy),
         depths * of_psfs,
     )
     if mapped:

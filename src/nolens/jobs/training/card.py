@@ -41,20 +41,20 @@ def weights_card(
     if options.pairs is not None:
         data.append({"pairs": options.pairs.resolve().name, "licence": "the owner's"})
     network = course.trainer.network
-    best = max(course.history, key=lambda row: row["validation_db"])
     return {
         "data": data,
-        "camera": Path(options.camera).resolve().name if options.camera else "random cameras",
+        "camera": _camera(options),
         "start": start,
         "seed": options.seed,
         "steps": course.trainer.step,
         "steps_planned": options.steps,
-        "best_step": int(best["step"]),
+        "best_step": course.best_step,
         "rate": options.largest_rate,
         "precision": options.precision,
         "widths": list(network.widths),
         "blocks": list(network.blocks),
         "scores_db": rounded(course.scores),
+        "scores_start_db": rounded(course.scores_start),
         "scores_before_db": rounded(before),
         "command": command_text(options),
         "nolens": version("nolens"),
@@ -62,6 +62,13 @@ def weights_card(
         "commit": commit(),
         "not_for": NOT_FOR,
     }
+
+
+def _camera(options: TrainOptions) -> str:
+    """By which the measurements were; white noise is of none."""
+    if options.prior == "denoiser":
+        return "none"
+    return "random cameras" if options.camera is None else Path(options.camera).resolve().name
 
 
 def rounded(scores: dict[str, float]) -> dict[str, float]:

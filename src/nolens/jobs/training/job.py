@@ -13,7 +13,7 @@ from torch import Tensor
 
 from nolens.camera import PRESETS
 from nolens.errors import DataError, FileError, OptionError
-from nolens.files import read_picture, write_state
+from nolens.files import InputFile, read_picture, write_state
 from nolens.files.pictures import picture_files
 from nolens.files.state import read_about, read_state
 from nolens.files.weights import denoiser, read_weights, unrolled, weights_writers
@@ -58,14 +58,17 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
     Raises
     ------
     NolensError
-        If an option, a picture, the camera or the weights to start from cannot be used.
+        If an option, a picture, the camera or the weights to start from cannot be used, or the
+        training gives NaN or infinity.
     """
     options, reporter = run.options, run.reporter
     schedule = Schedule(
         options.steps, options.largest_rate, *BATCHES[options.prior], options.precision
     )
-    photographs = _photographs(run, options.photographs, schedule.side)
-    validation = _photographs(run, options.validation, schedule.side)
+    learnt = _photograph_files(run, options.photographs, "photograph")
+    unseen = _photograph_files(run, options.validation, "held-out photograph")
+    _check_unseen(learnt, unseen)
+    photographs, validation = (_photographs(run, each, schedule.side) for each in (learnt, unseen))
     first, start = _first(run)
     trainer = Trainer(first, schedule, options.seed, run.device)
     resumed = None if options.resume is None else _read_checkpoint(run, trainer)
@@ -92,6 +95,12 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
     course.check()
     if course.got_no_better and not interrupted and trainer.step < options.steps:
         reporter.note(f"{options.patience} checks brought no better weights: the training ends")
+    if course.best_step == 0:
+        run.warn(
+            f"no check was better than the {course.scores_start[ALL]:.2f} dB of the weights that "
+            f"it began with, so {options.output} holds these: give more --steps, more --pictures "
+            "or a smaller --rate"
+        )
     prior = _prior(options, course.best)
     before = held_out.scores_before()
     writers = weights_writers(options.output, prior, weights_card(options, course, start, before))
@@ -103,6 +112,7 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
         "steps_planned": options.steps,
         "stop_reason": _reason(course, interrupted),
         "validation_db": round(course.scores[ALL], 3),
+        "validation_start_db": round(course.scores_start[ALL], 3),
         "validation_before_db": round(before[ALL], 3),
         "scores_db": rounded(course.scores),
         "spreads": list(prior.spreads),
@@ -132,14 +142,33 @@ def _say_parts(run: Run[TrainOptions]) -> None:
     )
 
 
-def _photographs(run: Run[TrainOptions], folder: Path | None, side: int) -> list[Tensor]:
-    """Photographs of a folder, in linear light, (3, height, width) each."""
+def _photograph_files(run: Run[TrainOptions], folder: Path | None, role: str) -> list[Path]:
+    """Photographs of a folder, which are read."""
     if folder is None:
         return []
     if not folder.is_dir():
         raise FileError(f"{folder} is no folder: give one with photographs")
     paths = picture_files(folder, below=True)
-    run.reads({f"photograph {each.relative_to(folder)}": each for each in paths})
+    run.reads({f"{role} {each.relative_to(folder)}": each for each in paths})
+    return paths
+
+
+def _check_unseen(learnt: list[Path], unseen: list[Path]) -> None:
+    """Refuse a photograph to hold out that is trained on, under whatever name."""
+    if not unseen:
+        return
+    known = {InputFile.of(each).sha256: each for each in learnt}
+    for path in unseen:
+        same = known.get(InputFile.of(path).sha256)
+        if same is not None:
+            raise OptionError(
+                f"{path} of --validation is the same picture as {same} of --photographs, and what "
+                "is held out must not be trained on: leave it out of one of the two folders"
+            )
+
+
+def _photographs(run: Run[TrainOptions], paths: list[Path], side: int) -> list[Tensor]:
+    """Photographs in linear light, (3, height, width) each."""
     photographs = []
     for number, path in enumerate(paths):
         radiance = read_picture(path).radiance

@@ -33,6 +33,7 @@ export const MORE = {
   crop: { example: "the support; such as 400x400+20+0" },
   flip: { words: { none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
   prior: { words: { auto: "Automatic (a photo: trained network)", "colour-tv": "Total variation of the colours together", tv: "Total variation", "isotropic-tv": "Isotropic total variation", l1: "Few bright points (l1)", none: "No negative light, nothing else", ridge: "Trained filters (ridge)", denoiser: "Trained network (denoiser)", unrolled: "Trained network, then another that mends its picture (unrolled)" } },
+  noise: { words: { auto: "Of depths: by the sensor, where it is known", even: "As much everywhere", shot: "More where there is more light", poisson: "Poisson's law" } },
   iterations: { example: "by quality" },
   tau: { example: "automatic" },
   sweep: { words: { "": "One picture", tau: "With more and less detail", method: "Solvers", prior: "Priors", support: "Supports" } },
@@ -41,7 +42,7 @@ export const MORE = {
 export const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
 const STACKS = ["depths", "bands", "spectrum_at", "frames", "exposure"];
 const RECTIFIED = ["flatten", "undistort"];
-const SOLVING = ["sweep", "uncertainty", ...STACKS, ...RECTIFIED, "distance", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "field_points", "prior", "iterations", "tolerance", "low_frequency"];
+const SOLVING = ["sweep", "uncertainty", ...STACKS, ...RECTIFIED, "distance", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "field_points", "prior", "noise", "depth_smoothness", "spectral_smoothness", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
   /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
