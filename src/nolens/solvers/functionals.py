@@ -552,8 +552,8 @@ def _check_shape(measured: tuple[int, ...], product: tuple[int, ...]) -> None:
     common = min(len(measured), len(product))
     if common and measured[-common:] != product[-common:]:
         raise DataError(
-            f"the measurement is {measured}, and the operator gives {product} as the last axes: give "
-            "a measurement of that shape, or the operator that it is of"
+            f"the measurement is {measured}, and the operator gives {product} as the last axes: "
+            "give a measurement of that shape, or the operator that it is of"
         )
 
 
