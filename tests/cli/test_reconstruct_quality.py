@@ -102,10 +102,15 @@ class Watcher:
         return progress.iteration >= self._until
 
 
-def test_interrupted_run_goes_on(camera: Camera, tmp_path: Path) -> None:
+BY_DEFAULT = {"iterations": None, "tolerance": None}
+
+
+@pytest.mark.parametrize("more", [{}, BY_DEFAULT])
+def test_interrupted_run_goes_on(more: dict[str, object], camera: Camera, tmp_path: Path) -> None:
+    """By total variation, and by the photo that a trained prior starts from."""
     whole, out = tmp_path / "whole.tif", tmp_path / "out.tif"
-    reconstruct(_options(camera, whole), Watcher(math.inf))
-    outcome = reconstruct(_options(camera, out), Watcher(12))
+    reconstruct(_options(camera, whole, **more), Watcher(math.inf))
+    outcome = reconstruct(_options(camera, out, **more), Watcher(12))
     assert outcome.summary["iterations"] == 12
     state = tmp_path / "out.state.npz"
     assert str(state) in outcome.summary["outputs"]
@@ -114,7 +119,7 @@ def test_interrupted_run_goes_on(camera: Camera, tmp_path: Path) -> None:
     before = json.loads(str(held["about"]))  # As the version before called it.
     before |= {"region": before.pop("support"), "psf_wider": before.pop("psf_extent") == "wide"}
     np.savez(state, **held | {"about": _text(before)})
-    reconstruct(_options(camera, out, resume=state), Watcher(math.inf))
+    reconstruct(_options(camera, out, resume=state, **more), Watcher(math.inf))
     a, b = read_frame(whole).counts, read_frame(out).counts
     torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3 * float(a.max()))
 
@@ -123,7 +128,8 @@ def test_state_of_another_run_is_refused(camera: Camera, tmp_path: Path) -> None
     out = tmp_path / "out.tif"
     reconstruct(_options(camera, out), Watcher(12))
     state = tmp_path / "out.state.npz"
-    asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
+    asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png",
+             "--iterations", 40)  # fmt: skip
     done = run(*asked, "--support", SUPPORT, "--tau", 1e-3, "--resume", state)
     check_refused(done, "another tau", "leave out --resume")
     done = run(*asked, "--resume", state)

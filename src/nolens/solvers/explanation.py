@@ -278,10 +278,12 @@ class _Trials:
         )
         if not remedy:
             return None
+        side = judged_side(self._sensor)
+        larger = "" if side == 1 else f" on {side}×{side} pixels"  # The report's are the finest.
         return (
             f"{percent(now.unexplained)} of the local contrast of the measurement "
-            f"{self._measurement.source} is not explained by the PSF {psf_source}, and noise alone "
-            f"would be {percent(now.unexplained_by_noise)}{remedy}"
+            f"{self._measurement.source}{larger} is not explained by the PSF {psf_source}, and "
+            f"noise alone would be {percent(now.unexplained_by_noise)}{remedy}"
         )
 
     def _nothing(self) -> str:

@@ -81,7 +81,7 @@ def list_of_folder(path: Path) -> Path:
 
 
 _OF_TOTAL_VARIATION = {
-    *("method", "tau", "iterations", "tolerance", "low_frequency", "resume"),
+    *("method", "tau", "iterations", "tolerance", "low_frequency"),
     *("penalties", "balance", "relaxation"),
 }
 """Options of a minimiser, which a trained network has none of."""
@@ -589,6 +589,8 @@ class ReconstructOptions(JobOptions):
     def prior_note(self) -> str | None:
         """What options do to the prior of a picture that a person may not expect."""
         filtered = self.method is Method.WIENER or self.quality is Quality.DRAFT
+        if self.resume is not None:
+            return None  # It was said before.
         if self.prior not in tuple(Prior):
             return None if self.tau == "auto" else FIRST_WEIGHT
         if self.prior != Prior.AUTO or self.is_sequence or self.frames is not None or filtered:
