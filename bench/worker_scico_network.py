@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import scico.numpy as snp
 from scico.functional import DnCNN
-from scico.linop import LinearOperator
+from scico.linop import Identity, LinearOperator
 from scico.loss import SquaredL2Loss
 from scico.optimize.admm import ADMM, LinearSubproblemSolver
 
@@ -84,7 +84,7 @@ def main() -> None:
         solver = ADMM(
             f=SquaredL2Loss(y=snp.array(data), A=forward, scale=0.5),
             g_list=[Colours(VARIANT)],
-            C_list=[None],
+            C_list=[Identity(forward.input_shape)],
             rho_list=[factor * unit],
             x0=snp.zeros(forward.input_shape, dtype=np.float32),
             maxiter=ITERATIONS,

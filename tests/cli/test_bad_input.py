@@ -170,7 +170,8 @@ def test_disk_that_is_full(bench: Bench) -> None:
     """No file can grow beyond 6 kB: the record fits, the float TIFF does not."""
     resource = pytest.importorskip("resource")
     bench.out = bench.folder / "out.tif"
-    quick = ("--support", "full", "--tau", 1e-2, "--iterations", 2, "--tiff-bits", 32)
+    quick = ("--support", "full", "--prior", "tv", "--tau", 1e-2, "--iterations", 2,
+             "--tiff-bits", 32)  # fmt: skip
     # Once without a limit: the first run after an installation stores what it compiles.
     good = run("reconstruct", bench.raw, "--psf", bench.psf, "-o", bench.folder / "x.tif", *quick)
     assert good.code == 0, good

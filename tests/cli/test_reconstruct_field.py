@@ -304,6 +304,10 @@ def test_shading_and_distortion_are_undone(made: Open, tmp_path: Path) -> None:
     expected = rectification.undistorted(rectification.flattened(picture))
     torch.testing.assert_close(rectified, expected, rtol=1e-4, atol=1e-5)
     assert record == pytest.approx(rectification.row())
+    # A PSF in the folder has the camera beside it.
+    file = made.folder / "psf-80mm.tif"
+    same = reconstruct(both, made.raw, "--psf", file, *QUICK, "--flatten", "--undistort")
+    torch.testing.assert_close(same, rectified, rtol=1e-4, atol=1e-5)
     one = made.copy(tmp_path / "one")
     (one / "camera.toml").unlink()
     asked = (made.raw, "--psf", one, "--field-points", 1, *QUICK)

@@ -25,6 +25,7 @@ SUMMARY = {
     "prior",
     "field_points",
     "automatic_tau",
+    "detail",
     "automatic_support",
     "report",
     "warnings",

@@ -589,11 +589,11 @@ class ReconstructOptions(JobOptions):
     def prior_note(self) -> str | None:
         """What options do to the prior of a picture that a person may not expect."""
         filtered = self.method is Method.WIENER or self.quality is Quality.DRAFT
-        if self.resume is not None:
-            return None  # It was said before.
+        if self.is_sequence or self.frames is not None or self.resume is not None:
+            return None  # Other priors are usual there, or it was said before.
         if self.prior not in tuple(Prior):
             return None if self.tau == "auto" else FIRST_WEIGHT
-        if self.prior != Prior.AUTO or self.is_sequence or self.frames is not None or filtered:
+        if self.prior != Prior.AUTO or filtered:
             return None
         return by_total_variation(self._minimiser_options)
 

@@ -314,7 +314,7 @@ def _twin(run: Run[ReconstructOptions]) -> "Twin | None":
     options = run.options
     if not (options.flatten or options.undistort):
         return None
-    loaded = run.camera_beside(options.camera, options.psf_folder)
+    loaded = run.camera_beside(options.camera, options.psf.parent)
     if loaded is None:
         raise OptionError(
             f"--{'flatten' if options.flatten else 'undistort'} follows rays through the camera's "
