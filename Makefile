@@ -98,9 +98,11 @@ bench-model: $(STAMP)
 	$(BIN)/python bench/bands.py
 
 # Trained priors against total variation: some hours on one core; goes on where it was stopped.
-# Downloads 170 MB of photographs in Debian's packages (apt-get download) into build/photographs.
+# Downloads 170 MB of photographs in Debian's packages (apt-get download) into build/photographs,
+# and a peer into .bench-venv.
 bench-priors: $(STAMP)
 	$(BIN)/python bench/priors.py --fetch --unseen --charts
+	$(BIN)/python bench/priors_peer.py
 
 # What is said of wrong and odd files, and falsely of good ones: about 20 minutes.
 bench-odd: $(STAMP)

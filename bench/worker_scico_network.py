@@ -6,9 +6,11 @@ come with scico stands for the proximal map of g = 1, each colour by itself. The
 pixels that light can come from. A PSF has unit l2 norm, and the picture the white of a photograph
 by total variation as 1, as the network was trained on pictures from 0 to 1.
 
-The penalty weighs the misfit against the network. scico ships none for this problem, so several
-are tried around (σ / s)², with the noise σ of a pixel and the noise s that the network was trained
-for; priors_peer.py takes the one that is the best for the truth.
+The penalty weighs the misfit against the network. scico ships none for this problem, so two are
+tried, (σ / s)² and four times that, with the noise σ of a pixel and the noise s that the network
+was trained for; priors_peer.py takes the one that is better for the truth. It starts where nolens
+starts, from a photograph by total variation: from 0, the slow part of a scene is far from there
+after sixteen iterations (astronaut, 13.8 dB).
 """
 
 from __future__ import annotations
@@ -26,10 +28,10 @@ from scico.linop import Identity, LinearOperator
 from scico.loss import SquaredL2Loss
 from scico.optimize.admm import ADMM, LinearSubproblemSolver
 
-VARIANT, TRAINED_FOR = "6M", 0.1
-"""Of the network, with six layers, and the noise that it was trained for."""
-FACTORS = (0.25, 1.0, 4.0, 16.0)
-ITERATIONS, INNER = 16, 10
+VARIANT, TRAINED_FOR = "17L", 0.06
+"""Of the network, with 17 layers, and the noise that it was trained for."""
+FACTORS = (1.0, 4.0)
+ITERATIONS, INNER = 12, 20
 
 Array = npt.NDArray[np.float32]
 
@@ -77,6 +79,7 @@ def main() -> None:
     with np.load(source) as case:
         kernel, data = case["kernel"], case["data"]
         forward = operator(kernel, case["sensor"].tolist(), case["scene"].tolist())
+        start = snp.array(case["start"])
     unit = (noise_of(data) / TRAINED_FOR) ** 2
     pictures, seconds = [], []
     for factor in FACTORS:
@@ -86,9 +89,9 @@ def main() -> None:
             g_list=[Colours(VARIANT)],
             C_list=[Identity(forward.input_shape)],
             rho_list=[factor * unit],
-            x0=snp.zeros(forward.input_shape, dtype=np.float32),
+            x0=start,
             maxiter=ITERATIONS,
-            subproblem_solver=LinearSubproblemSolver(cg_kwargs={"tol": 1e-4, "maxiter": INNER}),
+            subproblem_solver=LinearSubproblemSolver(cg_kwargs={"tol": 1e-7, "maxiter": INNER}),
         )
         pictures.append(np.asarray(solver.solve()))
         seconds.append(perf_counter() - begun)
