@@ -16,7 +16,7 @@ from nolens.solvers import (
     Reconstructor,
     Ridge,
 )
-from nolens.solvers.held_out import channel_noise
+from nolens.solvers.held_out import Weight, channel_noise
 from nolens.solvers.scene_prior import scene_prior
 
 CASE = Case(sensor=(12, 13), psf=(12, 13), support=PixelRectangle(2, 1, 6, 7), channels=2)
@@ -73,6 +73,21 @@ def test_units_do_not_matter() -> None:
     other, _ = reconstructor(smooth, 4.0)
     plain, scaled = solver.solve(data).scene, other.solve(8 * data).scene
     torch.testing.assert_close(scaled, 2 * plain, rtol=1e-3, atol=1e-3 * float(plain.max()))
+
+
+@pytest.mark.parametrize("prior", ["ridge", "denoiser", smooth])
+def test_detail_is_that_of_the_last_call(prior: object) -> None:
+    """A sweep asks one reconstructor for one detail after the other."""
+    solver, _ = reconstructor(prior)
+    chosen = Weight(1e-3, 0.0)
+    once, twice = solver.with_detail(chosen, 4.0), solver.with_detail(chosen, 2.0)
+    twice = twice.with_detail(chosen, 4.0)
+    assert once.tau == twice.tau == pytest.approx(2.5e-4)
+    assert once.prior == twice.prior != solver.with_detail(chosen, 2.0).prior
+    if prior is smooth:
+        first, scene = torch.ones(2, 6, 7), torch.rand(2, 6, 7)
+        weak = scene_prior(once.prior)(first)
+        assert float(weak(scene)) == pytest.approx(float(smooth(first)(scene)) / 4)
 
 
 def test_what_a_prior_can_be() -> None:

@@ -162,7 +162,7 @@ def reconstruct(
         Weight of the prior, which means the same at any binning, support and number of channels;
         None chooses it by pixels that are left out of the fit.
     detail
-        What the automatic `tau`, and the strength of a prior that follows it, are divided by: 2
+        What the automatic `tau`, and the weight of a prior that follows it, are divided by: 2
         shows more detail and more noise.
     prior
         ``"tv"``, ``"colour-tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``. ``"ridge"``,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.amounts import percent
@@ -34,8 +35,11 @@ _FAIRLY = 0.8
 """Explained fraction that no support must reach to be named."""
 _BURIED = 0.5
 """Fraction of the contrast that is noise, above which nothing can be told."""
-_ALL = 0.95
+_ALL = 0.9
 """The same, above which all of it may be noise."""
+_SQUARES, _EVEN = 12, 2.0
+"""Squares along the shorter side whose means are looked at, and their variance over that of noise
+up to which they are even."""
 _UNKNOWN = (
     ": was the camera refocused or moved, is it the PSF of another camera, or the measurement a "
     "picture that a program developed? Give files as the sensor measured them, with the same "
@@ -262,11 +266,11 @@ class _Trials:
     def cause(self, psf_source: str) -> str | None:
         """The sentence for a measurement that is badly explained; None where it is not."""
         now = self._solver.predict(self._data, self._valid)
-        if now is None or now.explained >= _WELL:
+        if now is None:
             return None
-        if now.unexplained_by_noise > _ALL and not now.explains_anything:
+        if now.unexplained_by_noise > _ALL and not now.explains_anything and self._is_even():
             return self._nothing()
-        if now.unexplained_by_noise > _BURIED:
+        if now.unexplained_by_noise > _BURIED or now.explained >= _WELL:
             return None
         badly = now.explains_less(_BADLY)
         if badly and has_finer_detail(self._data, self._psf):
@@ -285,6 +289,14 @@ class _Trials:
             f"{self._measurement.source}{larger} is not explained by the PSF {psf_source}, and "
             f"noise alone would be {percent(now.unexplained_by_noise)}{remedy}"
         )
+
+    def _is_even(self) -> bool:
+        """Whether means of large squares scatter as white noise does: no slow light is seen."""
+        side = max(min(self._sensor) // _SQUARES, 1)
+        light = self._data.double() - self._data.double().mean()
+        means, squares = (nnf.avg_pool2d(each[None], side) for each in (light, light**2))
+        of_noise = float((squares - means**2).mean()) / side**2
+        return float(means.var()) <= _EVEN * of_noise
 
     def _nothing(self) -> str:
         """What is said where nothing but noise is seen."""

@@ -46,7 +46,7 @@ from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
 from nolens.solvers.scene_edges import NO_EDGES
-from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with, weaker
+from nolens.solvers.scene_prior import ScenePrior, WeakerPrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.trained_stream import TURNS, TrainedStream
@@ -235,12 +235,10 @@ class Reconstructor:
             What the weight is divided by, and that of a trained prior or one's own.
         """
         prior = scene_prior(self.prior)
-        if isinstance(prior, PlugAndPlay):
+        if isinstance(prior, (PlugAndPlay, RidgePrior, WeakerPrior)):
             prior = replace(prior, detail=detail)
-        elif isinstance(prior, RidgePrior):
-            prior = replace(prior, strength=prior.strength / detail)
         elif not isinstance(prior, Prior) and detail != 1:
-            prior = weaker(prior, detail)
+            prior = WeakerPrior(prior, detail)
         own = self.prior if isinstance(prior, Prior) else prior
         return replace(self, tau=chosen.tau / detail, prior=own)
 

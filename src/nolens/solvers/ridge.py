@@ -444,12 +444,15 @@ class RidgePrior:
         s and σ. Those that are set suit simulated photographs of several masks and exposures.
     facts
         What a record says of it: the prior, and the hash of its weights.
+    detail
+        What s is divided by: 2 shows more detail and more noise.
     """
 
     weights: RidgeWeights = field(repr=False)
     strength: float = _STRENGTH
     sigma: float = _SIGMA
     facts: dict[str, str] = field(default_factory=dict)
+    detail: float = 1.0
 
     def __call__(self, first: Tensor) -> Functional:
         """The functional, whatever the first photograph."""
@@ -460,7 +463,7 @@ class RidgePrior:
             iterations=_INNER,
             tolerance=_INNER_TOLERANCE,
         )
-        return (self.strength / self.sigma**2) * ridge
+        return (self.strength / self.detail / self.sigma**2) * ridge
 
 
 def opponents() -> Tensor:

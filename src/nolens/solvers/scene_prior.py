@@ -1,7 +1,7 @@
 """A prior of one's own for a photograph, and the photograph with it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -99,9 +99,16 @@ PRIORS = (*(each.value for each in Prior), *_ADDED.names)
 """Names of those of nolens, and of those that other packages add."""
 
 
-def weaker(prior: ScenePrior, by: float) -> ScenePrior:
-    """A prior whose functional is divided by a number, for so much more detail."""
-    return lambda first: (1 / by) * prior(first)
+@dataclass(frozen=True)
+class WeakerPrior:
+    """A prior whose functional is divided by `detail`."""
+
+    prior: ScenePrior
+    detail: float
+
+    def __call__(self, first: Tensor) -> Functional:
+        """The functional, from a first photograph."""
+        return (1 / self.detail) * self.prior(first)
 
 
 def solve_with(
