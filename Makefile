@@ -4,7 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-priors bench-odd bench-dataset bench-batch training-photographs weights examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants test-scico lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-priors bench-odd bench-dataset bench-batch training-photographs weights examples screenshots fuzz kill attack clean
+
+# deepinv without torchvision, whose build in the index does not load beside a torch without CUDA; its
+# tests do without. The others are what it asks for beyond the tests' own.
+BARE := deepinv einops natsort
 
 env: $(STAMP)
 
@@ -12,6 +16,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nolens needs Python 3.11 or newer; this is %s. Try: make $(or $(WANTED),$(MAKECMDGOALS)) PYTHON=python3.11" % sys.version.split()[0])'
 	test -x $(BIN)/python || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt --no-deps $(BARE)
 	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true  # On all cores, where pip takes one.
 	touch $@
 
@@ -45,6 +50,14 @@ test-variants: $(STAMP) browser
 	ATEN_CPU_CAPABILITY=avx2 MKL_CBWR=AVX2 NUMBA_CPU_NAME=haswell OPENBLAS_CORETYPE=Haswell \
 	  $(BIN)/pytest -n 2 --shuffle 2
 	$(BIN)/pytest -n 4 --shuffle 3
+
+# The volume by scico, in two or three minutes: its environment is that of the benchmark, and gives its
+# packages to the tests'. Both are of Python 3.11.
+SCICO := .bench-venv/scico
+test-scico: $(STAMP)
+	PYTHONPATH=bench $(PYTHON) -c 'import pathlib, peer_env; peer_env.SCICO_PEER.ensure(pathlib.Path(".bench-venv"))'
+	PYTHONPATH=$(SCICO)/lib/python3.11/site-packages $(BIN)/python -c 'import scico'
+	PYTHONPATH=$(SCICO)/lib/python3.11/site-packages $(BIN)/pytest tests/solvers/test_stack_scico.py
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

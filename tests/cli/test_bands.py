@@ -35,22 +35,22 @@ def filtered(folder: Path, **filters: object) -> Path:
     return folder
 
 
-def scene(path: Path) -> Path:
-    """Four bands: areas of one and of all, and one of the first and the third alone."""
+def scene(path: Path, count: int = 4) -> Path:
+    """At most four bands: areas of one and of all, and one of the first and the third alone."""
     bands = np.full((4, 40, 48), 0.2, np.float32)
     bands[0, 4:16, 4:20] = bands[2, 4:16, 4:20] = 1
     bands[1, 4:16, 4:20] = bands[3, 4:16, 4:20] = 0
     bands[:, 22:36, 8:22] = np.array([0.9, 0.6, 0.3, 0])[:, None, None]
     bands[:, 10:34, 28:42] = 0.8
-    np.save(path, bands)
+    np.save(path, bands[:count])
     return path
 
 
 def measured(folder: Path, camera: Path, bands: str) -> tuple[Path, str, np.ndarray]:
     """Raw counts of the scene, the support, and the bands that a reconstruction is to show."""
-    raw = folder / "raw.tif"
+    raw, picture = folder / "raw.tif", scene(folder / "scene.npy", len(bands.split(",")))
     done = run(
-        "simulate", scene(folder / "scene.npy"), "--camera", camera, "--bands", bands,
+        "simulate", picture, "--camera", camera, "--bands", bands,
         "--angle", "4deg", "--field-points", 1, "--wavelengths", 1, "-o", raw,
         "--truth", folder / "truth.tif", "--response", folder / "response.tif",
     )  # fmt: skip
@@ -123,6 +123,45 @@ def test_spectra_through_filters_are_those_of_the_scene(tmp_path, monkeypatch):
         "-o", tmp_path / "none", "--device", "cpu",
     )  # fmt: skip
     check_refused(done, "not even 2 bands would fit", "a smaller --support")
+
+
+def test_psfs_of_superpixels_serve_as_those_of_all_pixels(tmp_path):
+    """Behind a colour mosaic; of what a scene pixel of two by two pixels shows."""
+    simulated, listed = tmp_path / "simulated", tmp_path / "listed"
+    bands = (470, 610)
+    for folder in (simulated, listed):
+        folder.mkdir()
+        little_twin(folder)
+    entry = '[[psf]]\nfile = "{0}.tif"\npixel = "3.1 um"\nchannels = ["R", "G", "B"]\n'
+    entry += 'distance = "300 mm"\nwavelength = "{0} nm"\n'
+    for nm in bands:
+        done = run(
+            "psf", "--camera", listed / "camera.toml", "--distance", "300mm", "--light", f"{nm}nm",
+            "--wavelengths", 1, "-o", listed / f"{nm}.tif",
+        )  # fmt: skip
+        assert done.code == 0, done.err
+    (listed / "psfs.toml").write_text("".join(map(entry.format, bands)))
+    named = ",".join(f"{nm}nm" for nm in bands)
+    raw, support, truth = measured(tmp_path, simulated / "camera.toml", named)
+    lit, psnr_db, said = truth.max(axis=0) > 0.1, {}, {}
+    for folder in (simulated, listed):
+        cube = tmp_path / f"cube-{folder.name}"
+        done = run(
+            "reconstruct", raw, "--psf", folder, "--bands", named, "--support", support,
+            "--distance", "300mm", "--tau", 3e-4, "--iterations", 40, "-o", cube, "--device", "cpu",
+        )  # fmt: skip
+        assert done.code == 0, done.err
+        found = tifffile.imread(cube / "cube.ome.tif").squeeze()
+        found = found.reshape(2, *(n for side in truth.shape[1:] for n in (side, 2))).mean((2, 4))
+        found *= (found * truth).sum() / (found * found).sum()
+        psnr_db[folder] = -10 * np.log10(np.mean((found - truth) ** 2) / truth.max() ** 2)
+        said[folder] = done.err
+        angles = np.degrees(np.arccos(np.clip(cosine(found, truth)[lit], -1, 1)))
+        assert angles.mean() < 2
+    assert psnr_db[simulated] > 25
+    assert psnr_db[listed] == pytest.approx(psnr_db[simulated], abs=0.2)
+    assert said[listed].count("of superpixels, and are interpolated") == 1
+    assert "interpolated" not in said[simulated]
 
 
 def test_polarisation_is_that_of_the_scene(tmp_path):

@@ -5,7 +5,7 @@ its PSFs over the field.
 import json
 import re
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ import pytest
 import torch
 from little_camera import little_twin
 from PIL import Image
-from running import check_refused, listing, reconstruct, run
+from running import Done, check_refused, listing, reconstruct, run
 
 import nolens as nl
 from nolens.camera import FieldPsf, PsfEntry, develop
@@ -220,27 +220,62 @@ def test_what_a_folder_lacks_is_said(made: Open, tmp_path: Path) -> None:
     listed = (moved / "psfs.toml").read_text()
     (moved / "psfs.toml").write_text(listed.replace("angle =", 'frame = "sensor"\nangle ='))
     assert "calibrate stitch" in notes(moved)
-    said = notes(made.folder, "--support", "210x210")
-    uncovered = "the scene goes on to 14° to the right (the PSFs to 10°)"
-    assert "9 used" in said and uncovered in said
+    # Nothing is stated of a scene that goes on beyond the PSFs.
+    narrow = made.copy(tmp_path / "narrow")
+    beside = {each.file for each in read_psf_set(narrow).psf if each.angle[0].deg != 0}
+    head, *blocks = (narrow / "psfs.toml").read_text().split("[[psf]]")
+    kept = [each for each in blocks if not any(f'"{name}"' in each for name in beside)]
+    (narrow / "psfs.toml").write_text("[[psf]]".join([head, *kept]))
+    said = notes(narrow, "--support", "auto")
+    assert "3 used" in said and "to the right (the PSFs to 0°)" in said
+    asked = (*QUICK[2:], "--field-points", 3, "-o", tmp_path / "asked.png")
+    done = run("reconstruct", made.raw, "--psf", narrow, *asked)
+    assert done.code == 2 and "--field-points 3: the scene goes on" in done.err
+    assert not (tmp_path / "asked.png").exists()
 
-    wide = ("--support", "105x105", *COARSE[2:], "--iterations", 2, "--device", "cpu")
-    for command in (
-        ("reconstruct", made.raw, "--psf", made.folder, "--depths", "60mm,80mm"),
-        ("reconstruct", made.raw, "--psf", made.folder, "--frames", 3, "--exposure", "0.5ms"),
-        ("refocus", made.raw, "--psfs", made.folder, "--depth", "60mm"),
+
+def test_depths_and_videos_use_them_too(made: Open, tmp_path: Path) -> None:
+    small = (*COARSE, "--iterations", 2, "--device", "cpu")
+    for more in (
+        ("--depths", "60mm,80mm", "-o", tmp_path / "volume"),
+        ("--frames", 3, "--exposure", "0.5ms", "-o", tmp_path / "video.tif"),
     ):
-        out = tmp_path / ("video.tif" if "--frames" in command else command[-2])
-        done = run(*command, *wide, "-o", out)
-        assert done.code == 0 and uncovered in done.err, done
-        if command[0] == "reconstruct":
-            assert "s on cpu, 9 PSFs over the field" in done.out
+        done = run("reconstruct", made.raw, "--psf", made.folder, *small, *more)
+        assert done.code == 0 and "s on cpu, 9 PSFs over the field" in done.out, done
+        assert "the scene goes on" not in done.err
     volume = nl.reconstruct_volume(
         *(made.raw, made.folder, ["60mm", "80mm"]),
-        support=(105, 105), bin=2, channels="g", tau=1e-3, iterations=2,
+        support=(73, 73), bin=2, channels="g", tau=1e-3, iterations=2,
     )  # fmt: skip
     assert volume.figures["field_points"] == 9
-    assert [each for each in volume.warnings if uncovered in each]
+
+
+def test_scene_that_is_asked_for_beyond_the_psfs_is_refused(made: Open, tmp_path: Path) -> None:
+    wide = ("--support", "105x105", *COARSE[2:], "--iterations", 2, "--device", "cpu")
+    beyond = "the scene goes on to 14° to the right (the PSFs to 10°)"
+    before = listing(tmp_path)
+    folder = ("reconstruct", made.raw, "--psf", made.folder)
+    refocus = ("refocus", made.raw, "--psfs", made.folder)
+
+    def check(done: Done, *words: str) -> None:
+        *_, last = done.err.splitlines()  # Notes on how files are read come before.
+        check_refused(replace(done, err=f"{last}\n"), *words)
+
+    for command in (
+        (*folder, *wide, "-o", tmp_path / "out.png"),
+        (*folder, "--depths", "60mm,80mm", *wide, "-o", tmp_path / "out"),
+        (*folder, "--frames", 3, "--exposure", "0.5ms", *wide, "-o", tmp_path / "out.tif"),
+        (*refocus, "--depth", "60mm", *wide, "-o", tmp_path / "out"),
+    ):
+        check(run(*command), f"--support 105x105: {beyond}", "nolens calibrate plan", "smaller")
+    # Two of the folder's PSFs, from straight ahead and from a corner.
+    two = run(*folder, *COARSE, "--field-points", 2, "-o", tmp_path / "out.png")
+    said = "--support 73x73 and --field-points 2: the scene goes on"
+    check(two, said, "(the PSFs to 0°)", "takes all PSFs")
+    given = {"bin_by": 2, "channels": "g", "tau": 1e-3, "iterations": 2}
+    with pytest.raises(OptionError, match=r"support \(105, 105\) and field_points 9: the scene"):
+        nl.reconstruct(made.raw, made.folder, support=(105, 105), field_points=9, **given)
+    assert listing(tmp_path) == before
 
 
 def test_sequence_has_the_pictures_of_single_frames(made: Open, tmp_path: Path) -> None:

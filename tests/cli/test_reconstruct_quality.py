@@ -14,12 +14,16 @@ import torch
 from little_camera import SUPPORT, Camera, quality, save
 from running import check_refused, run
 
+import nolens as nl
 from nolens.camera import preset
+from nolens.camera.toml import to_toml
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files import read_camera, read_frame
 from nolens.jobs import ReconstructOptions, reconstruct
+from nolens.operators import CroppedConvolution
+from nolens.quantities import Length
 from nolens.solvers import Progress
-from nolens.twin import FieldMap, preview_model
+from nolens.twin import FieldMap, acceptance_support, preview_model
 
 
 def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
@@ -211,9 +215,48 @@ def test_field_is_the_region_that_the_camera_sees(tmp_path: Path) -> None:
     assert read_frame(tmp_path / "o.png").counts.shape[1:] == (support.height, support.width)
     for more, words in (
         (("--field", "30deg"), "--field needs --camera"),
-        (("--camera", "small"), "--field needs --camera"),
         (("--field", "30deg", "--camera", "paper"), "the measurement's camera"),
+        (("--camera", "paper"), "the measurement's camera"),
         (("--field", "30deg", "--camera", "small", "--support", "9x9"), "leave one out"),
         (("--field", "0deg", "--camera", "small"), "field is '0deg'"),
     ):
         check_refused(run(*asked, *more), words)
+
+
+def test_light_comes_from_where_the_camera_accepts_it(tmp_path: Path) -> None:
+    """In photographs and sequences, by the camera beside the PSF, unless light shows beyond."""
+    camera, size = preset("small"), (128, 160)
+    thin = tuple(
+        layer.model_copy(update={"thickness": Length.parse(f"{0.1 * layer.thickness.um} um")})
+        for layer in camera.layers
+    )
+    camera = camera.model_copy(update={"layers": thin})
+    path = tmp_path / "camera.toml"
+    path.write_text(to_toml(camera))
+    accepted = acceptance_support(preview_model(read_camera(path)))
+    assert max(accepted.height, accepted.width) < min(size)
+    generator = torch.Generator().manual_seed(3)
+    points = (torch.rand(1, *size, generator=generator) > 0.98).float()
+    points[:, :24], points[:, -24:], points[..., :32], points[..., -32:] = 0, 0, 0, 0
+    psf = save(tmp_path / "psf.npy", points)
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for name, support in (("in", accepted), ("beyond", None)):
+        operator = CroppedConvolution(points, size, support)
+        scene = torch.rand(1, *operator.domain_shape[-2:], generator=generator)
+        light = operator(scene)
+        light += 0.003 * light.mean() * torch.randn(light.shape, generator=generator)
+        raw = save(frames / f"{name}.npy", light)
+        out = tmp_path / f"{name}.tif"
+        done = run("reconstruct", raw, "--psf", psf, "--prior", "tv", "-o", out)
+        assert done.code == 0, done.err
+        stored = json.loads(out.with_suffix(".json").read_text())["parameters"]["support"]
+        within = "all that the camera accepts light from (automatic)" in done.out
+        assert (stored, within) == ((accepted.text, True) if name == "in" else ("full", False))
+    raw.unlink()
+    photograph = nl.reconstruct(frames / "in.npy", psf, prior="tv")
+    assert photograph.report.acceptance and photograph.values.shape[-2:] == size
+    done = run("reconstruct", frames, "--psf", psf, "--iterations", 2, "-o", tmp_path / "pictures")
+    assert done.code == 0, done.err
+    record = json.loads((tmp_path / "pictures.json").read_text())
+    assert record["parameters"]["support"] == accepted.text

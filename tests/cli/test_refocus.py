@@ -14,6 +14,7 @@ import torch
 from PIL import Image
 from running import Done, check_refused, listing, read_terminal, run, start
 
+import nolens as nl
 from depth_spots import (
     CELL_UM,
     FAR_UM,
@@ -31,6 +32,7 @@ from depth_spots import (
 )
 from nolens import jobs
 from nolens.camera import PsfEntry, preset
+from nolens.errors import OptionError
 from nolens.files import read_frame, read_psf_set, write_camera, write_psfs
 from nolens.quantities import Length
 from patience import PATIENCE_S
@@ -259,8 +261,25 @@ def test_warnings(made: Path, tmp_path: Path) -> None:
         "kind": "stitched",
     })  # fmt: skip
     write_psfs(gap, {far: spots(1e6) + 2 * spots(1e6, seed=8)})
-    unlike = refocus(made, tmp_path / "c", *COARSE, "--depth", "2cm", psfs=gap)
+    unlike = refocus(made, tmp_path / "c", *COARSE, "--depth", "15mm", psfs=gap)
     assert unlike.code == 0 and "the depth set has a gap" in unlike.err
+    asked = (made, tmp_path / "gapped", *COARSE)
+    before = listing(tmp_path)
+    for more, words in (
+        (("--depth", "2cm"), ("--depth 2 cm: the depth set has a gap", "that of 20 mm cannot")),
+        (("--depth", "8mm"), ("that of 8 mm cannot", "15 mm, 1000 mm")),
+        (
+            ("--stack", "15mm,1m", "--steps", 9),
+            ("--stack 15 mm,1 m", "PSFs of 15 mm and 1000 mm are alike to", "and 2 more"),
+        ),
+    ):
+        check_refused(refocus(*asked, *more, psfs=gap), *words, "Calibrate one there", "--distance")
+    volume = ("reconstruct", made / "raw.tif", "--psf", gap, *SUPPORT, "-o", tmp_path / "gapped")
+    check_refused(run(*volume, "--depths", "15mm,2cm"), "--depths: the depth set", "of 20 mm")
+    psfs = {str(each.distance): nl.load(gap / each.file) for each in read_psf_set(gap).psf}
+    with pytest.raises(OptionError, match="distance 2cm: the depth set has a gap"):
+        nl.refocus(made / "raw.tif", psfs, "2cm", support=SCENE)
+    assert listing(tmp_path) == before
     narrow = write_set(tmp_path / "narrow", (15, 60), kind="captured", cells=SENSOR)
     edges = refocus(made, tmp_path / "d", *COARSE, "--depth", "2cm", psfs=narrow)
     assert edges.code == 0 and "light up to the sensor's edges" in edges.err

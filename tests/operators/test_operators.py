@@ -72,15 +72,37 @@ def field(
     points: list[tuple[float, float]],
     support: tuple[int, int, int, int] | None = None,
     channels: int = 3,
+    *,
+    terms: int | None = None,
+    mapped: bool = False,
 ) -> Make:
+    """With `terms`, so many PSFs in place of one for each point."""
     generator = torch.Generator().manual_seed(4)
     psfs = torch.rand((len(points), channels, 7, 8), generator=generator).double()
+    if terms is not None:
+        psfs[terms:] = 0.5 * psfs[:terms].sum(dim=0)
 
-    def make(dtype: torch.dtype, device: torch.device) -> LinearOperator:
+    def make(dtype: torch.dtype, device: torch.device) -> FieldConvolution:
         where = None if support is None else PixelRectangle(*support)
-        return FieldConvolution(psfs.to(device, dtype), torch.tensor(points), (5, 6), where)
+        values, places = psfs.to(device, dtype), torch.tensor(points)
+        error = 0.0 if terms is None else 1e-3
+        made = FieldConvolution(values, places, (5, 6), where, error=error, mapped=mapped)
+        assert len(made.terms) == (terms or len(points))
+        assert not mapped or all(each.stored.device == CPU for each in made.terms)
+        return made
 
     return make
+
+
+def channel(number: int, make: Make) -> Make:
+    """That of one channel, moved to the device where it is already."""
+
+    def of_channel(dtype: torch.dtype, device: torch.device) -> LinearOperator:
+        whole = make(dtype, device)
+        assert isinstance(whole, CroppedConvolution)
+        return whole.single(number).to(device)
+
+    return of_channel
 
 
 def many_scenes(support: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
@@ -116,6 +138,7 @@ def stack(masks: tuple[int, ...] | None, *makes: Make) -> Make:
 
 
 RGB = (3,)
+FIELD = [(0.0, 0.0), (0.0, 5.0), (4.0, 0.0), (4.5, 5.0), (2.0, 2.0)]
 GREY = convolution((4, 5), (4, 5), (0, 1, 4, 3), channels=1)
 COLOUR = convolution((4, 5), (4, 5), (0, 1, 4, 3))
 TABLE = [
@@ -132,10 +155,15 @@ TABLE = [
     Case("convolution, support is larger", convolution((4, 4), (9, 8), (-3, -2, 10, 9)), RGB),
     Case("convolution, support beside", convolution((5, 4), (14, 15), (-5, 6, 3, 2)), RGB),
     Case("convolution, support of a cell", convolution((5, 6), (5, 6), (4, 0, 1, 1), 1), RGB),
-    Case("field", field([(0, 0), (0, 5), (4, 0), (4.5, 5), (2, 2)], (-2, -1, 9, 8)), RGB),
+    Case("field", field(FIELD, (-2, -1, 9, 8)), RGB),
+    Case("field, two psfs for all", field(FIELD, (-2, -1, 9, 8), terms=2), RGB),
+    Case("field, mapped", field(FIELD, (-2, -1, 9, 8), mapped=True), RGB),
+    Case("field, two mapped psfs for all", field(FIELD, None, terms=2, mapped=True), RGB),
+    Case("field, a channel", channel(1, field(FIELD, (1, 0, 4, 7), mapped=True)), (1,)),
     Case("field, no support", field([(0, 0), (0, 5), (4, 0)]), RGB),
     Case("field, one psf for three", field([(1, 1), (3, 4)], (0, 0, 5, 6), 1), RGB),
     Case("field of a point, grey", field([(2, 2)], (1, -1, 4, 6), 1), (1,)),
+    Case("stack of mapped depths", stack(None, *2 * [field(FIELD, (-1, 0, 6, 5), mapped=True)])),
     Case("stack of depths", stack(None, *2 * [field([(0, 0), (4, 5)], (-1, 0, 6, 5))])),
     Case("stack of bands", stack((3, 5, 6), *3 * [convolution((5, 6), (7, 8), None, 1)]), (1,)),
     Case("stack of instants", stack((4, 3, 5, 6), convolution((5, 6), (5, 6), (1, -1, 3, 5)))),
@@ -238,6 +266,16 @@ def test_the_algebra_is_that_of_matrices():
         largest = float(torch.linalg.matrix_norm(dense(each), 2))
         assert each.norm(v.new_empty(each.domain_shape), tolerance=1e-9) == pytest.approx(largest)
         assert each.norm(v.new_empty(each.domain_shape)) == pytest.approx(largest, rel=1e-2)
+
+
+def test_mapped_transfer_functions_measure_the_same():
+    """And one channel of them what it does among others."""
+    v = torch.rand((3, 9, 8), generator=torch.Generator().manual_seed(9)).double()
+    support = (-2, -1, 9, 8)
+    whole, mapped = (field(FIELD, support, mapped=m)(torch.float64, CPU) for m in (False, True))
+    assert torch.equal(mapped(v), whole(v)) and torch.equal(mapped.H(whole(v)), whole.H(whole(v)))
+    one = channel(1, field(FIELD, support, mapped=True))(torch.float64, CPU)
+    torch.testing.assert_close(one(v[1:2]), whole(v)[1:2])
 
 
 @pytest.mark.parametrize(

@@ -20,11 +20,13 @@ SENSOR = (192, 224)
 SUPPORT = PixelRectangle.centred(64, 64, SENSOR)
 
 
-def mask_psf(seed: int = 0) -> Tensor:
-    """Fine random lines, like a caustic's, behind an aperture."""
+def mask_psf(seed: int = 0, *, aperture: bool = True) -> Tensor:
+    """Fine random lines, like a caustic's, behind an aperture or up to the edges."""
     noise = torch.randn(1, 1, *SENSOR, generator=torch.Generator().manual_seed(seed))
     smooth = nnf.avg_pool2d(nnf.avg_pool2d(noise, 7, 1, 3), 5, 1, 2)
     lines = torch.exp(-((smooth / 0.01).square()))[0]
+    if not aperture:
+        return lines
     return nnf.pad(lines[:, 32:-32, 40:-40], (40, 40, 32, 32))
 
 
@@ -45,9 +47,15 @@ def measured(psf: Tensor | CroppedConvolution, noise: float = 0.01) -> Measureme
     return Measurement(values, torch.ones_like(values, dtype=torch.bool), ("grey",), None, "raw")
 
 
-def said(psf: Tensor, data: Measurement, support: PixelRectangle | None = SUPPORT) -> str:
+def said(
+    psf: Tensor,
+    data: Measurement,
+    support: PixelRectangle | None = SUPPORT,
+    *,
+    stated: bool = True,
+) -> str:
     solver = Reconstructor(psf, support, tau=1e-4)
-    return " ".join(explain(solver, data, None, "psf").warnings)
+    return " ".join(explain(solver, data, None, "psf", stated_support=stated).warnings)
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.03, 0.2])
@@ -95,6 +103,15 @@ def test_support_that_is_too_small() -> None:
     psf = mask_psf()
     text = said(psf, measured(psf), PixelRectangle.centred(48, 48, SENSOR))
     assert "support of 48×48 pixels" in text and "comes from beyond it" in text
+    # Of a PSF with light up to the edges, no support would explain anything.
+    small = PixelRectangle.centred(48, 48, SENSOR)
+    wide = mask_psf(aperture=False)
+    data = measured(wide)
+    text = said(wide, data, small)
+    place = text.index("is the scene larger than its stated support of 48×48 pixels")
+    assert place < text.index("was the camera refocused or moved")
+    assert "stated" not in said(wide, data, small, stated=False)
+    assert said(wide, data) == ""
 
 
 def test_files_that_are_exchanged() -> None:

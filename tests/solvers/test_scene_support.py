@@ -316,6 +316,24 @@ def test_is_found_on_coarse_pixels_in_all_channels() -> None:
     assert Reconstructor(psf, method=Method.WIENER).choose_support(data).support is None
 
 
+def test_is_the_acceptance_where_no_smaller_one_shows() -> None:
+    """Dim objects at its edge stay; light beyond shows that it is not the camera's."""
+    psf = mask_psf()
+    solver = Reconstructor(psf)
+    data = measured(psf, picture({(8, 8): nnf.interpolate(photograph()[None], (176, 208))[0]}))
+    whole = solver.choose_support(data, acceptance=FRAME)
+    assert whole.support == FRAME and whole.is_acceptance
+    assert solver.accept(data, FRAME) == SupportChoice(FRAME, acceptance=FRAME)
+    assert solver.accept(data, PixelRectangle.centred(100, 120, SENSOR)).support is None
+    dim = 0.2 * photograph()[:, :12, :12]
+    small = measured(psf, picture({(64, 80): photograph(), (70, 0): dim}))
+    choice = solver.choose_support(small, acceptance=FRAME)
+    assert choice.acceptance == FRAME and not choice.is_acceptance
+    assert choice.support is not None and choice.support.union(FRAME) == FRAME
+    assert holds(choice.support, 64, 80, 64, 64) and holds(choice.support, 70, 0, 12, 12)
+    assert solver.accept(small, replace(FRAME, left=20)).support is None
+
+
 def test_a_caller_can_stop_it() -> None:
     psf = mask_psf()
     data = measured(psf, picture({(64, 80): photograph()}))

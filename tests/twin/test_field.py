@@ -13,7 +13,7 @@ from scipy.integrate import dblquad
 from nolens.errors import OptionError
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
-from nolens.twin import FieldMap, Plane, Twin, irradiate, render_planes
+from nolens.twin import FieldMap, Plane, Twin, acceptance_support, irradiate, render_planes
 
 # Pixels of 12.4 um: an eighth of the cells along each side.
 EVEN = twin_of(flattened(cropped(32, 40, pitch="12.4 um")))
@@ -153,6 +153,28 @@ def test_vignetting_by_hand():
         expected = accepted / (1 + tangent**2) ** 1.5
         assert float(got[row, column]) == pytest.approx(expected, rel=1e-9)
     assert float(got[field.support.height // 2, field.support.width // 2]) == pytest.approx(1)
+
+
+def test_acceptance_by_hand():
+    """To the angle that a hundredth of the light comes from, 5° of a PSF, and what is near."""
+    twin = EVEN.accepting_all()
+    angle_deg = math.degrees(math.acos(0.01 ** (1 / 3)))
+    # Angles are tried in steps of a tenth of a degree.
+    far_um = snell_um(twin.camera, math.floor(10 * angle_deg) / 10) + snell_um(twin.camera, 5)
+    assert acceptance_support(twin, math.inf) == PixelRectangle.centred(
+        2 * math.ceil(far_um / twin.pixel_um), 2 * math.ceil(far_um / twin.pixel_um), twin.shape
+    )
+    near = acceptance_support(twin, 2e3)
+    for side, pixels in zip((near.height, near.width), twin.shape, strict=True):
+        beside_um = reduced_um(twin.camera) / 2e3 * pixels / 2 * twin.pixel_um
+        assert side == 2 * math.ceil((far_um + beside_um) / twin.pixel_um)
+    # Pixels of the preset see less from the side; the first angle with less than a hundredth.
+    steps = torch.arange(900) / 10
+    seen = EVEN.vignetting(torch.sin(torch.deg2rad(steps.double()))) >= 0.01
+    last = float(steps[seen][-1])
+    assert 60 < last < angle_deg - 10
+    far_um = snell_um(EVEN.camera, last) + snell_um(EVEN.camera, 5)
+    assert acceptance_support(EVEN, math.inf).height == 2 * math.ceil(far_um / EVEN.pixel_um)
 
 
 # --- The model's limit -----------------------------------------------------------------------

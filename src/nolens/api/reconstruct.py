@@ -17,7 +17,9 @@ from nolens.camera.field_psf import spread
 from nolens.errors import OptionError
 from nolens.files.psf_folder import PsfFolder
 from nolens.files.weights import trained_prior
+from nolens.jobs.reconstruction.setup import acceptance_of, camera_of
 from nolens.jobs.run import mapped_where_needed
+from nolens.operators import PixelRectangle
 from nolens.progress import Clock
 from nolens.quantities import Length
 from nolens.refocusing import (
@@ -29,6 +31,7 @@ from nolens.refocusing import (
     measured_reduced_um,
 )
 from nolens.solvers import (
+    Developed,
     Development,
     FieldPoint,
     Method,
@@ -219,9 +222,11 @@ def reconstruct(
     data, prepared = developed.measurement, developed.prepared
     solver = replace(solver, psf=prepared.values, support=support_of(stated, data.size))
     solver = replace(solver, field_psf=developed.development.field_psf(data))
-    chosen_support = support == "auto" and own is None
+    chosen_support, everywhere = support == "auto" and own is None, False
     if chosen_support:
-        solver = replace(solver, support=solver.choose_support(data).support)
+        acceptance = _acceptance(psf, distance, developed)
+        light = solver.choose_support(data, acceptance=acceptance)
+        solver, everywhere = replace(solver, support=light.support), light.is_acceptance
     over_field = FieldChoice(solver)
     if field_points is None:
         over_field = choose_field(solver, data, developed.development.psf_alone(data))
@@ -237,9 +242,15 @@ def reconstruct(
     weight = None
     uncovered: list[str] = []
     if folder is not None:
-        scene = support_of(solver.support, data.size)
+        scene = None if everywhere else support_of(solver.support, data.size)
         merged = developed.development.merged
-        uncovered = folder.coverage_warnings(solver.field_psf, scene, data.size, merged)
+        asked = [
+            *([] if support in ("auto", "full") else [f"support {support}"]),
+            *([] if field_points is None else [f"field_points {field_points}"]),
+        ]
+        uncovered = folder.coverage_warnings(
+            solver.field_psf, scene, data.size, merged, " and ".join(asked)
+        )
     with reported(progress, "photograph") as advance:
         if tau is None:
 
@@ -248,7 +259,7 @@ def reconstruct(
 
             weight = solver.choose_weight(data, progress=choosing)
             solver = solver.with_detail(weight, detail)
-        explanation = explain(solver, data, weight, point.source)
+        explanation = explain(solver, data, weight, point.source, stated_support=support != "auto")
         problem = solver.problem(data)
 
         def watch(step: Iteration) -> None:
@@ -265,6 +276,7 @@ def reconstruct(
         method=solver.method_name,
         automatic_tau=tau is None,
         automatic_support=chosen_support,
+        acceptance=everywhere,
         seconds=clock.seconds,
         left_out=over_field.left_out,
         pixel_rad=None if pixel_rad is None else developed.development.bin_by * pixel_rad,
@@ -369,6 +381,8 @@ def refocus(
             "distance: give one of a much nearer point source"
         )
     depth_psfs = DepthPsfs.of(known, reduced_um, data, warnings=warnings)
+    if distance is not None:
+        depth_psfs.check_depths([distance_um(distance)], f"distance {distance}")
     if any(over_field.values()):
         # In air a PSF is magnified alike at all angles, whatever the pixels' pitch.
         of_depths = DepthField(over_field, Layers.of_air(reduced_um), 1.0)
@@ -454,6 +468,20 @@ def _field_points(psf: Raw, most: int | None) -> tuple[FieldPoint, ...]:
     chosen = spread(places, len(places) if most is None else most)
     frames = [frame_of(field_psf.values[number], "PSF") for number in chosen]
     return tuple(map(FieldPoint, frames, [places[number] for number in chosen]))
+
+
+def _acceptance(
+    psf: Raw, distance: str | Length | None, developed: Developed
+) -> PixelRectangle | None:
+    """Pixels whose light the camera accepts, where its description lies beside the PSF."""
+    if not isinstance(psf, (str, Path)):
+        return None
+    path, by, size = Path(psf), developed.development.bin_by, developed.measurement.size
+    loaded = camera_of(None, path if path.is_dir() else path.parent, by, size)
+    if loaded is None:
+        return None
+    nearest_um = None if distance is None else distance_um(distance)
+    return acceptance_of(loaded, by, size, developed.prepared.values, nearest_um)
 
 
 def _measured(measurement: Raw, bin_by: int | None = None) -> tuple[Frame, Support | None]:

@@ -3,6 +3,7 @@
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
+from nolens.errors import OptionError
 from nolens.operators import PixelRectangle
 
 _FARTHER = 1.3
@@ -17,8 +18,9 @@ def coverage_warnings(
     sensor: tuple[int, int],
     pixel_um: float,
     layers: Layers,
+    stated: str = "",
 ) -> list[str]:
-    """Warn of a scene that goes on far beyond the outermost PSFs.
+    """Warn of a scene that goes on far beyond the outermost PSFs; refuse one that was asked for.
 
     Parameters
     ----------
@@ -32,6 +34,14 @@ def coverage_warnings(
         Pitch of the pixels.
     layers
         Of the camera.
+    stated
+        Options that ask for this scene or these PSFs, for the message; empty where none does, as
+        a photograph with the PSFs that there are is better than none.
+
+    Raises
+    ------
+    OptionError
+        If a scene that was asked for goes on far beyond them.
     """
     top, left = scene.top - sensor[0] // 2, scene.left - sensor[1] // 2
     bottom, right = top + scene.height - 1, left + scene.width - 1
@@ -51,8 +61,15 @@ def coverage_warnings(
             missing.append(f"{edge:.0f}° {side} (the PSFs to {outermost:.0f}°)")
     if not missing:
         return []
-    return [
-        f"the scene goes on to {', '.join(missing)}: the PSF there is taken for that of the "
-        "outermost angle. Add PSFs at the angles that are missing: nolens calibrate plan lists "
-        "those to capture, nolens psf --field --field-points computes them"
-    ]
+    beyond = f"the scene goes on to {', '.join(missing)}"
+    remedy = (
+        "PSFs at the angles that are missing: nolens calibrate plan lists those to capture, nolens "
+        "psf --field --field-points computes them"
+    )
+    if stated:
+        raise OptionError(
+            f"{stated}: {beyond}. Add {remedy}. Or state a smaller support; or neither a support "
+            "nor a number of PSFs, which takes all PSFs, and beyond them that of the outermost "
+            "angle"
+        )
+    return [f"{beyond}: the PSF there is taken for that of the outermost angle. Add {remedy}"]

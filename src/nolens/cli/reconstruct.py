@@ -43,7 +43,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     report = summary["report"]["lines"]
     width = max(len(name) for name, _ in report)
     lines = [f"{name:{width}}  {text}" for name, text in report]
-    if summary["automatic_support"] and summary["report"]["limited"]:
+    shown = summary["report"]["limited"] and not summary["report"]["acceptance"]
+    if summary["automatic_support"] and shown:
         lines[-2] += ": nowhere else does light show; --support full takes it from everywhere"
     if summary["automatic_tau"]:
         detail = summary["detail"]

@@ -318,6 +318,7 @@ class PsfFolder:
         support: PixelRectangle | None,
         sensor: tuple[int, int],
         merged: int,
+        stated: str = "",
     ) -> list[str]:
         """Warn of a scene that goes on far beyond the PSFs over the field (`coverage_warnings`).
 
@@ -331,12 +332,21 @@ class PsfFolder:
             (height, width) of the measurement.
         merged
             Pixels of the folder's PSFs along one of the measurement's.
+        stated
+            Options that ask for this scene or these PSFs.
+
+        Raises
+        ------
+        OptionError
+            If a scene that was asked for goes on far beyond them.
         """
         if field_psf is None:
             return []
         scene = support or PixelRectangle(0, 0, *sensor)
         pixel_um = merged * self.psfs[0].pixel.um
-        return coverage_warnings(field_psf.places, scene, sensor, pixel_um, self._described_layers)
+        return coverage_warnings(
+            field_psf.places, scene, sensor, pixel_um, self._described_layers, stated
+        )
 
     @cached_property
     def _described(self) -> Camera:

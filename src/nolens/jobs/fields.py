@@ -243,8 +243,9 @@ ChosenSupport = Annotated[
     Window | Literal["auto", "full"],
     Option(
         "Scene pixels that light can come from. auto: the smallest rectangle outside which the "
-        "measurement shows no light, or full where none explains it as well; full for a sequence "
-        "or batch. full: no limit. HEIGHTxWIDTH around the middle of the sensor, or "
+        "measurement shows no light; where none explains it as well, and for a sequence or batch, "
+        "what the camera accepts (camera.toml beside the PSF, or --camera), or else full. full: no "
+        "limit. HEIGHTxWIDTH around the middle of the sensor, or "
         "HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's frame.",
         former="region",
         label="Support of the scene",

@@ -59,6 +59,7 @@ from nolens.jobs.fields import (
 )
 from nolens.jobs.options import Option, Written
 from nolens.jobs.reconstruction.options import LESS_MEMORY, parse_support
+from nolens.jobs.reconstruction.setup import stated_options
 from nolens.jobs.run import Product, Run, Writer, check_solver_memory, job, mapped_where_needed
 from nolens.operators import PixelRectangle
 from nolens.ranges import Between
@@ -311,16 +312,19 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     size = measurement.size if support is None else (support.height, support.width)
     place = None if options.at is None else _upright_place(options.at, size, options.flip)
     depth = _depth_or_search(options, psfs)
-    stated = [] if options.stack is None else [*_range_um(options.stack)]
+    stated: list[float] = []
+    if options.stack is not None:
+        stated += even_depths(*_range_um(options.stack), options.steps)
+        psfs.check_depths(stated, f"--stack {options.stack[0]},{options.stack[1]}")
     if isinstance(depth, float):
         stated.append(depth)
+        psfs.check_depths([depth], f"--depth {options.depth}")
     run.warn(
         *psfs.warnings, *psfs.depth_warnings(stated, depth if isinstance(depth, tuple) else None)
     )
-    if options.stack is not None:
-        stated += even_depths(*_range_um(options.stack), options.steps)
     sought = psfs.distances_um if isinstance(depth, tuple) else ()
-    run.warn(*field_warnings(psfs, (*stated, *sought), measurement.size, support))
+    asked = stated_options(support=options.support, field_points=options.field_points)
+    run.warn(*field_warnings(psfs, (*stated, *sought), measurement.size, support, asked))
     needed = mapped_where_needed(
         reconstructor.at(farthest, psfs.field_at(psfs.distances_um[-1])),
         measurement,
@@ -428,6 +432,7 @@ def field_warnings(
     depths_um: Sequence[float],
     sensor: tuple[int, int],
     support: PixelRectangle | None,
+    stated: str,
 ) -> list[str]:
     """About angles of a scene that PSFs over the field do not cover (`coverage_warnings`).
 
@@ -441,6 +446,13 @@ def field_warnings(
         (height, width) of the measurement.
     support
         Of the scene; None takes the sensor's frame.
+    stated
+        Options that ask for this scene or these PSFs.
+
+    Raises
+    ------
+    OptionError
+        If a scene that was asked for goes on far beyond them.
     """
     if psfs.field is None:
         return []
@@ -451,7 +463,12 @@ def field_warnings(
         field_psf, scene = known[distance], support or PixelRectangle(0, 0, *sensor)
         if field_psf is not None:
             texts += coverage_warnings(
-                field_psf.places, scene, sensor, psfs.field.pixel_um, psfs.field.layers
+                field_psf.places,
+                scene,
+                sensor,
+                psfs.field.pixel_um,
+                psfs.field.layers,
+                stated,
             )
     return list(dict.fromkeys(texts))
 

@@ -41,6 +41,8 @@ _LEAST_LINES = 0.25
 """Lines by which the edge must move between two PSFs for them to tell the magnification."""
 _LEAST_ALIKE = 0.7
 """Correlation of neighbours below which they are too unlike to be blended."""
+_NAMED = 3
+"""Depths of a gap that a message names."""
 _OF_THE_SENSOR = ("captured", "solved")
 """Kinds of PSFs that are as large as the sensor's frame."""
 
@@ -140,13 +142,62 @@ class PsfBetween:
     def warnings(self) -> list[str]:
         """About neighbours too unlike to be blended."""
         return [
-            f"the depth set has a gap: brought to one size, the PSFs of "
-            f"{near.distance_um * 1e-3:.4g} mm and {far.distance_um * 1e-3:.4g} mm are alike to "
-            f"{100 * alike:.0f} % only, so depths between them come out worse: calibrate one "
-            "between"
-            for (far, near), alike in zip(pairwise(self.known), self.alike, strict=True)
+            f"the depth set has a gap: {self._unlike(number)}, so depths between them come out "
+            "worse: calibrate one between"
+            for number, alike in enumerate(self.alike)
             if alike < _LEAST_ALIKE
         ]
+
+    def check(self, depths_um: Sequence[float], focus_per_m: float, stated: str) -> None:
+        """Refuse depths whose PSFs cannot be made of the neighbours, which are too unlike.
+
+        Beyond an end, PSFs are magnified as between the last two: if that does not make one of
+        these of the other, it makes none beyond.
+
+        Parameters
+        ----------
+        depths_um
+            That are asked for.
+        focus_per_m
+            Depth of focus, within which a depth has the PSF of a known one.
+        stated
+            What asks for them, for the message.
+
+        Raises
+        ------
+        OptionError
+            If there is such a depth.
+        """
+        places = [per_m(each.distance_um) for each in self.known]
+        gaps: dict[int, list[float]] = {}
+        for depth in depths_um:
+            place = per_m(depth)
+            if min(abs(place - each) for each in places) <= focus_per_m or not self.alike:
+                continue
+            number = min(max(bisect_left(places, place) - 1, 0), len(self.alike) - 1)
+            if self.alike[number] < _LEAST_ALIKE:
+                gaps.setdefault(number, []).append(depth)
+        if not gaps:
+            return
+        texts = []
+        for number, depths in gaps.items():
+            named = ", ".join(_text(each) for each in depths[:_NAMED])
+            more = f" and {len(depths) - _NAMED} more" if len(depths) > _NAMED else ""
+            texts.append(f"{self._unlike(number)}, so that of {named}{more} cannot be made of them")
+        first = next(iter(gaps.values()))
+        missing = first[len(first) // 2]
+        have = ", ".join(_text(each.distance_um) for each in reversed(self.known))
+        raise OptionError(
+            f"{stated}: the depth set has a gap: {'; '.join(texts)}. Calibrate one there (nolens "
+            f"calibrate FRAME... --distance {_text(missing).replace(' ', '')}), or state depths "
+            f"that PSFs are of: {have}"
+        )
+
+    def _unlike(self, number: int) -> str:
+        """What is said of a PSF and the next nearer one that are too unlike."""
+        far, near = (_text(each.distance_um) for each in self.known[number : number + 2])
+        alike = 100 * self.alike[number]
+        return f"brought to one size, the PSFs of {near} and {far} are alike to {alike:.0f} % only"
 
     def _from(self, number: int, depth_um: float) -> tuple[Tensor, Tensor]:
         """One of the PSFs magnified to a depth, and the pixels that it covers there."""
@@ -328,6 +379,16 @@ class DepthPsfs:
             "psf_distances_mm": [depth_mm(each) for each in self.distances_um],
         }
 
+    def check_depths(self, depths_um: Sequence[float], stated: str) -> None:
+        """Refuse depths that are asked for in a gap of the depth set (`PsfBetween.check`).
+
+        Raises
+        ------
+        OptionError
+            If there is one.
+        """
+        self.between.check(depths_um, self.depth_of_focus_per_m, stated)
+
     def depth_warnings(
         self, depths_um: Sequence[float], search_um: tuple[float, float] | None
     ) -> list[str]:
@@ -487,6 +548,10 @@ def reduced_um(camera: Camera, first: int) -> float:
     """
     layers = zip(camera.layers[first:], camera.indices(550.0)[first:], strict=True)
     return camera.outside * sum(layer.thickness.um / index for layer, index in layers)
+
+
+def _text(depth_um: float) -> str:
+    return "infinity" if math.isinf(depth_um) else f"{depth_um * 1e-3:.4g} mm"
 
 
 def _factor(reduced_um: float, from_um: float, to_um: float) -> float:

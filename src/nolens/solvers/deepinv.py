@@ -68,7 +68,11 @@ def deepinv_denoiser(
 def _deepinv(part: str) -> Any:
     try:
         return import_module(f"deepinv.{part}")
-    except ImportError as error:
+    except (
+        ImportError,
+        OSError,
+        RuntimeError,
+    ) as error:  # Or a torchvision that does not fit torch.
         raise OptionError(
             f"deepinv cannot be loaded ({error}): pip install 'nolens[deepinv]'"
         ) from None

@@ -41,7 +41,7 @@ _SQUARES, _EVEN = 12, 2.0
 """Squares along the shorter side whose means are looked at, and their variance over that of noise
 up to which they are even."""
 _UNKNOWN = (
-    ": was the camera refocused or moved, is it the PSF of another camera, or the measurement a "
+    "was the camera refocused or moved, is it the PSF of another camera, or the measurement a "
     "picture that a program developed? Give files as the sensor measured them, with the same "
     "settings"
 )
@@ -144,7 +144,12 @@ def choose_field(
 
 
 def explain(
-    reconstructor: Reconstructor, measurement: Measurement, weight: Weight | None, psf_source: str
+    reconstructor: Reconstructor,
+    measurement: Measurement,
+    weight: Weight | None,
+    psf_source: str,
+    *,
+    stated_support: bool = False,
 ) -> Explanation:
     """Whether a measurement is one of a reconstructor's PSF and support.
 
@@ -159,6 +164,8 @@ def explain(
         it costs a few tens of iterations on coarse pixels.
     psf_source
         Where the PSF comes from, for messages.
+    stated_support
+        Whether a person stated the support, which can then be the cause.
     """
     trials = _Trials(reconstructor, measurement)
     # A weight is chosen with the PSF of the axis alone.
@@ -171,7 +178,7 @@ def explain(
     # What noise buries here may be seen on coarse pixels.
     if prediction.explained >= _WELL and prediction.unexplained_by_noise <= _BURIED:
         return Explanation(prediction)
-    cause = trials.cause(psf_source)
+    cause = trials.cause(psf_source, stated_support=stated_support)
     return Explanation(prediction, () if cause is None else (cause,))
 
 
@@ -263,7 +270,7 @@ class _Trials:
         solver = replace(self._solver, field_psf=self._solver.field_psf or one)
         return solver.predict(self._data, self._valid)
 
-    def cause(self, psf_source: str) -> str | None:
+    def cause(self, psf_source: str, *, stated_support: bool) -> str | None:
         """The sentence for a measurement that is badly explained; None where it is not."""
         now = self._solver.predict(self._data, self._valid)
         if now is None:
@@ -276,9 +283,9 @@ class _Trials:
         if badly and has_finer_detail(self._data, self._psf):
             return None  # It was said with the PSF.
         remedy = (
-            (self._single and (self._exchange(now) or self._size(now) or self._sharper(now)))
-            or self._larger_support(now)
-            or (_UNKNOWN if badly else None)
+            self._larger_support(now)
+            or (self._single and (self._exchange(now) or self._size(now) or self._sharper(now)))
+            or (self._unknown(stated_support=stated_support) if badly else None)
         )
         if not remedy:
             return None
@@ -339,6 +346,16 @@ class _Trials:
             f". Without the support of {support.height}×{support.width} pixels it is "
             f"{percent(free.unexplained)}: light comes from beyond it too. Give a larger one "
             "(--support), or none"
+        )
+
+    def _unknown(self, *, stated_support: bool) -> str:
+        """What is said where nothing that was tried explains clearly more."""
+        support = support_of(self._solver.support, self._sensor)
+        if support is None or not stated_support:
+            return f": {_UNKNOWN}"
+        return (
+            f": is the scene larger than its stated support of {support.height}×{support.width} "
+            f"pixels, or beside it? State a larger one, or none. If it is not, {_UNKNOWN}"
         )
 
     def _size(self, now: Prediction) -> str | None:

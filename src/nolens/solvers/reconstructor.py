@@ -47,7 +47,7 @@ from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, St
 from nolens.solvers.ridge import RidgePrior
 from nolens.solvers.scene_edges import NO_EDGES
 from nolens.solvers.scene_prior import ScenePrior, WeakerPrior, scene_prior, solve_with
-from nolens.solvers.scene_support import SupportChoice, choose_support
+from nolens.solvers.scene_support import SupportChoice, choose_support, fit_within
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.trained_stream import TURNS, TrainedStream
 from nolens.solvers.wiener import wiener, wiener_bytes
@@ -334,6 +334,7 @@ class Reconstructor:
         measured: Measurement | Plane,
         valid: Plane | None = None,
         progress: Callable[[float], bool | None] | None = None,
+        acceptance: PixelRectangle | None = None,
     ) -> SupportChoice:
         """Pixels that a measurement's light comes from (decision 16).
 
@@ -348,6 +349,9 @@ class Reconstructor:
             As `problem` takes them.
         progress
             Called with the fraction that is done; stops by returning True.
+        acceptance
+            Of the camera, in pixels of the measurement, less than all that the sensor can see. It
+            is the support where no smaller one is chosen and no light shows beyond.
 
         Raises
         ------
@@ -356,9 +360,7 @@ class Reconstructor:
         """
         if self.method is Method.WIENER:
             return SupportChoice(None)
-        values, _ = _parts(measured, valid)
-        pixels = channels_of(values, "measurement").numel()
-        by = min(max(1, round(math.sqrt(pixels / _SUPPORT_PIXELS))), _SUPPORT_BY)
+        by = _support_by(measured, valid)
         photo = _STOP[Method.ADMM]
         watch = None if progress is None else lambda _: progress(1.0)
 
@@ -372,8 +374,12 @@ class Reconstructor:
             result = solver.solve(problem, callback=watch)
             return None if result.stop_reason == "callback" else result.scene
 
-        psf, data, usable = (each.to(self.device) for each in self._on_larger(measured, valid, by))
-        choice = choose_support(psf, data, usable, photograph, progress).finer(by)
+        psf, data, usable = self._on_larger(measured, valid, by)
+        larger = None if acceptance is None else acceptance.coarser(by)
+        choice = choose_support(psf, data, usable, photograph, progress, larger).finer(by)
+        if acceptance is not None and choice.acceptance is not None:
+            inside = (choice.support or acceptance).intersection(acceptance)
+            choice = replace(choice, support=inside, acceptance=acceptance)
         shows_edges = choice.edges != NO_EDGES and not choice.noisy and not choice.interrupted
         if choice.support is None or not shows_edges or by == _SUPPORT_BY:
             return choice
@@ -383,11 +389,33 @@ class Reconstructor:
             return replace(choice, interrupted=True)
         return choice.at_fine_edges(scene, by + 1)
 
+    def accept(
+        self, measured: Measurement | Plane, acceptance: PixelRectangle, valid: Plane | None = None
+    ) -> SupportChoice:
+        """The camera's acceptance as the support, unless a measurement asks for light beyond.
+
+        Parameters
+        ----------
+        measured, valid, acceptance
+            As `choose_support` takes them.
+
+        Raises
+        ------
+        NolensError
+            As `Problem.build`.
+        """
+        by = _support_by(measured, valid)
+        within = fit_within(*self._on_larger(measured, valid, by), acceptance.coarser(by))
+        own = None if within is None or self.method is Method.WIENER else acceptance
+        return SupportChoice(own, acceptance=own)
+
     def _on_larger(
         self, measured: Measurement | Plane, valid: Plane | None, by: int
     ) -> tuple[Tensor, Tensor, Tensor]:
         """PSF, values and valid pixels, as means over by×by."""
-        return _means(channels_of(self.psf, "PSF"), by), *_binned(measured, valid, by)
+        psf = _means(channels_of(self.psf, "PSF"), by)
+        data, usable = _binned(measured, valid, by)
+        return psf.to(self.device), data.to(self.device), usable.to(self.device)
 
     def coarse_problem(
         self, measured: Measurement | Plane, valid: Plane | None = None, by: int = 2
@@ -735,6 +763,13 @@ class Reconstructor:
 def judged_side(sensor: tuple[int, int]) -> int:
     """Pixels along each that become one where `Reconstructor.predict` judges a PSF."""
     return math.ceil(math.sqrt(math.prod(sensor) / _JUDGED_PIXELS))
+
+
+def _support_by(measured: Measurement | Plane, valid: Plane | None) -> int:
+    """Pixels along a larger one, on which a support is chosen."""
+    values, _ = _parts(measured, valid)
+    pixels = channels_of(values, "measurement").numel()
+    return min(max(1, round(math.sqrt(pixels / _SUPPORT_PIXELS))), _SUPPORT_BY)
 
 
 def _binned(measured: Measurement | Plane, valid: Plane | None, by: int) -> tuple[Tensor, Tensor]:

@@ -47,8 +47,9 @@ class Report:
         PSFs over the field.
     left_out
         PSFs over the field that are not used, as one explains more.
-    limited, automatic_support
-        Whether that is less than all the sensor can see, and was chosen by the program.
+    limited, automatic_support, acceptance
+        Whether that is less than all the sensor can see, was chosen by the program, and is all
+        that the camera accepts light from.
     method, iterations, stop_reason
         Of the run.
     tau, automatic_tau
@@ -69,6 +70,7 @@ class Report:
     left_out: int
     limited: bool
     automatic_support: bool
+    acceptance: bool
     method: str
     iterations: int
     stop_reason: str
@@ -89,6 +91,7 @@ class Report:
         automatic_tau: bool,
         automatic_support: bool,
         seconds: float,
+        acceptance: bool = False,
         pixel_rad: float | None = None,
         left_out: int = 0,
     ) -> "Report":
@@ -102,7 +105,7 @@ class Report:
             (channels, height, width), as it was used.
         prediction
             Of held-out pixels; None takes the residual of the fit.
-        method, automatic_tau, automatic_support, seconds, pixel_rad, left_out
+        method, automatic_tau, automatic_support, seconds, acceptance, pixel_rad, left_out
             As the report has them.
         """
         noise = pixel_noise(problem)
@@ -123,6 +126,7 @@ class Report:
             left_out=left_out,
             limited=problem.forward.support is not None,
             automatic_support=automatic_support,
+            acceptance=acceptance,
             method=method,
             iterations=result.iterations,
             stop_reason=_reason(result),
@@ -165,6 +169,7 @@ class Report:
             "resolution_mrad": self._resolution_mrad,
             "support_pixels": list(self.support),
             "limited": self.limited,
+            "acceptance": self.acceptance,
             "lines": [list(line) for line in self.lines],
         }
 
@@ -198,7 +203,8 @@ class Report:
     @property
     def _support(self) -> str:
         height, width = self.support
-        what = "" if self.limited else ", all that the sensor can see"
+        what = ", all that the camera accepts light from" if self.acceptance else ""
+        what = what if self.limited else ", all that the sensor can see"
         return f"{height}×{width} pixels{what}{' (automatic)' if self.automatic_support else ''}"
 
     @property

@@ -58,7 +58,7 @@ class Light:
         noise = channel_noise(full)
         self._weight = noise.square().reciprocal()[:, None, None]
         detail = (psf - local_mean(psf, torch.ones_like(psf, dtype=torch.bool))) / full.psf_norm
-        self._correlation = CroppedConvolution(detail, full.forward.sensor, None)
+        self._correlation = CroppedConvolution(detail, full.forward.sensor, full.forward.support)
         self._lengths = [self._length(detail, side) for side in _SIDES]
         self._seen = self._lengths[0] > _SEEN * self._lengths[0].max()
         self._alike = _autocorrelation(detail)
@@ -67,7 +67,8 @@ class Light:
     def _length(self, detail: Tensor, side: int) -> Tensor:
         """‖a_s‖/σ of a square of light around each pixel."""
         square = _sums(detail, side).square()
-        power = CroppedConvolution(square, self._full.forward.sensor, None)
+        forward = self._full.forward
+        power = CroppedConvolution(square, forward.sensor, forward.support)
         seen = power.adjoint(self._full.valid.to(detail.dtype)) * self._weight
         return seen.sum(0).clamp_min(0).sqrt()
 

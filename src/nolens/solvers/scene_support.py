@@ -8,6 +8,9 @@ more around it, show where the scene ends (`nolens.solvers.scene_edges`); where 
 sides move inwards for as long as pixels that are left out of the fit are predicted better. Where no
 rectangle comes out, and the PSF is of a scene, its likeliest part is taken
 (`nolens.solvers.scene_evidence`); where nearly all is noise, it is asked before anything else.
+
+Where the camera is known, all this is within its acceptance, unless the measurement asks for light
+beyond.
 """
 
 from collections.abc import Callable
@@ -39,6 +42,8 @@ _TIGHTENING = ((4, (_ALL_SIDES,)), (4, tuple(_ALL_SIDES)), (1, tuple(_ALL_SIDES)
 """Pixels by which sides move inwards, and sides that move together."""
 _SURELY_TIGHTER = 3.0
 """Standard errors by which the prediction is then better, or worse by a pixel less or centred."""
+_UNEXPLAINED = 2.5
+"""Of what stays unexplained beyond noise without a limit, that within the acceptance at most."""
 _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
 _DROWNED = 0.8
@@ -109,6 +114,8 @@ class SupportChoice:
         Rectangles that were tried, one after the other.
     interrupted
         Whether the caller stopped it.
+    acceptance
+        The camera's acceptance, where the measurement asks for no light beyond; None else.
     """
 
     support: PixelRectangle | None
@@ -116,6 +123,12 @@ class SupportChoice:
     noisy: bool = False
     steps: tuple[SupportStep, ...] = ()
     interrupted: bool = False
+    acceptance: PixelRectangle | None = None
+
+    @property
+    def is_acceptance(self) -> bool:
+        """Whether the support is all that the camera accepts light from."""
+        return self.acceptance is not None and self.support == self.acceptance
 
     def finer(self, by: int) -> "SupportChoice":
         """Where by×by pixels stand for each of these, its sides half of one beside the edges."""
@@ -153,6 +166,7 @@ def choose_support(
     valid: Tensor,
     photograph: Photograph,
     progress: Callable[[float], bool | None] | None = None,
+    acceptance: PixelRectangle | None = None,
 ) -> SupportChoice:
     """The smallest rectangle beside which a measurement asks for no light.
 
@@ -167,12 +181,47 @@ def choose_support(
         Gives the scene in a support.
     progress
         Called with the fraction that is done; stops by returning True.
+    acceptance
+        Of the camera, less than all that the sensor can see; None where it is not known.
     """
-    search = _Search(psf, data, valid, photograph, progress)
+    search = _Search(psf, data, valid, photograph, progress, acceptance)
     support, edges = search.run()
     return SupportChoice(
-        support, edges, search.noisy, tuple(search.steps), interrupted=search.interrupted
+        support,
+        edges,
+        search.noisy,
+        tuple(search.steps),
+        interrupted=search.interrupted,
+        acceptance=search.acceptance,
     )
+
+
+def fit_within(
+    psf: Tensor, data: Tensor, valid: Tensor, acceptance: PixelRectangle
+) -> tuple[Problem, PartialFit] | None:
+    """The problem within a camera's acceptance, and a first fit of it.
+
+    None where the measurement asks for light beyond, where much more of it stays unexplained than
+    without a limit, or where too few pixels can be left out to tell.
+
+    Parameters
+    ----------
+    psf, data, valid, acceptance
+        As `choose_support` takes them.
+    """
+    problem = Problem.build(psf, data, valid=valid, support=acceptance)
+    fitted = fit_partially(problem, _ITERATIONS)
+    full = Problem.build(psf, data, valid=valid)
+    free = fit_partially(full, _ITERATIONS)
+    if fitted is None or free is None:
+        return None
+    own, noise = fitted.prediction, free.prediction.unexplained_by_noise
+    excess, error = own.excess(free.prediction)
+    least = max(0.0, free.prediction.unexplained - noise)
+    if excess > _SURELY_TIGHTER * error and own.unexplained - noise > _UNEXPLAINED * least:
+        return None
+    beyond = Light(full, psf).signal(problem, fitted, acceptance)
+    return None if float(beyond.max()) >= CLEAR_AFAR else (problem, fitted)
 
 
 class _Search:
@@ -185,13 +234,19 @@ class _Search:
         valid: Tensor,
         photograph: Photograph,
         progress: Callable[[float], bool | None] | None,
+        acceptance: PixelRectangle | None,
     ) -> None:
         self._psf, self._data, self._valid, self._progress = psf, data, valid, progress
         self._photograph = photograph
-        self._full = Problem.build(psf, data, valid=valid)
-        self._light = Light(self._full, psf)
         self._iterations = _ITERATIONS
-        self._free = fit_partially(self._full, _ITERATIONS)
+        within = None if acceptance is None else fit_within(psf, data, valid, acceptance)
+        self._free: PartialFit | None
+        if within is not None:
+            self.acceptance, (self._full, self._free) = acceptance, within
+        else:
+            self.acceptance, self._full = None, Problem.build(psf, data, valid=valid)
+            self._free = fit_partially(self._full, _ITERATIONS)
+        self._light = Light(self._full, psf)
         self._tried: dict[tuple[PixelRectangle, int], tuple[Tensor, PartialFit]] = {}
         self._seen = set[PixelRectangle]()
         self.steps: list[SupportStep] = []

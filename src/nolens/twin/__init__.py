@@ -31,7 +31,14 @@ from nolens.twin.psf import (
     shortest_nm,
 )
 from nolens.twin.rectification import Rectification
-from nolens.twin.scene import FieldMap, Plane, PlaneView, in_channels, render_planes
+from nolens.twin.scene import (
+    FieldMap,
+    Plane,
+    PlaneView,
+    acceptance_support,
+    in_channels,
+    render_planes,
+)
 
 __all__ = [
     "LARGEST_ANGLE_DEG",
@@ -48,6 +55,7 @@ __all__ = [
     "PlaneView",
     "Rectification",
     "Twin",
+    "acceptance_support",
     "camera_figures",
     "check_field_points",
     "check_simulation_memory",

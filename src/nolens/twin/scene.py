@@ -15,6 +15,43 @@ from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
 
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Of linear sRGB (IEC 61966-2-1)."""
+_FAINTEST = 0.01
+"""Of the light of the axis, that from the largest angle."""
+_ANGLES_DEG = torch.linspace(0, 89.9, 900, dtype=torch.float64)
+_ASTRAY_DEG = 5.0
+"""Between the axis and the point source that a PSF was captured of, at most."""
+_NEAREST_UM = 10e3
+"""Of scenes whose distance is not stated."""
+
+
+def acceptance_support(twin: Twin, distance_um: float | None = None) -> PixelRectangle:
+    r"""Pixels of the reconstruction whose light a camera accepts.
+
+    Rays are refracted towards the axis, and pixels accept little from the side. So little light
+    comes from beyond the displacement of the chief ray at the largest angle from which a hundredth
+    of the axis's light or more is measured (`Twin.vignetting`). Added to that are the displacement
+    at 5°, as far as the source of a PSF may have been off the axis, and :math:`s D / z`: rays that
+    meet the mask half a sensor s from its middle come from other angles than the chief ray, behind
+    layers of the reduced thickness D.
+
+    Parameters
+    ----------
+    twin
+        The camera.
+    distance_um
+        Of the nearest thing in the scene, z; None takes 1 cm.
+    """
+    stack, outside = twin.stack(), twin.camera.outside
+    sines = outside * torch.deg2rad(_ANGLES_DEG).sin()
+    sines = sines[sines < stack.critical]
+    seen = sines[twin.vignetting(sines) >= _FAINTEST]
+    astray = sines[_ANGLES_DEG[: len(sines)] <= _ASTRAY_DEG]
+    near = stack.reduced_um / (distance_um or _NEAREST_UM)
+    reach_um = sum(float(stack.displacement_um(each[-1])) for each in (seen, astray))
+    rows, columns = (
+        2 * math.ceil(reach_um / twin.pixel_um + near * side / 2) for side in twin.shape
+    )
+    return PixelRectangle.centred(rows, columns, twin.shape)
 
 
 @dataclass(frozen=True)

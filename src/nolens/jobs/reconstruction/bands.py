@@ -27,6 +27,7 @@ from nolens.jobs.run import Product, Run
 from nolens.machine import BYTES_OF_PROGRAM
 from nolens.operators import CroppedConvolution, Geometry, PixelRectangle, StackConvolution
 from nolens.optics import PointSource
+from nolens.optics.magnification import magnified
 from nolens.quantities import Angle, Length
 from nolens.solvers import Reconstructor, StackPrior, StackProblem, stack_bytes
 from nolens.twin import (
@@ -213,7 +214,7 @@ def _psfs(
         wavelengths = [None]
     folder = None if options.psf_folder is None else PsfFolder(options.psf_folder)
     if folder is None or folder.psfs:
-        return _measured_psfs(run, folder, wavelengths, sensor)
+        return _measured_psfs(run, folder, wavelengths, loaded)
     run.reporter.note("the PSFs of the bands are simulated, as none is listed")
     size = sensor
     if preview.aperture_room_um is None:
@@ -233,10 +234,13 @@ def _measured_psfs(
     run: Run[ReconstructOptions],
     folder: PsfFolder | None,
     wavelengths: list[float | None],
-    sensor: tuple[int, int],
+    loaded: LoadedCamera,
 ) -> Tensor:
     """For each wavelength the PSF of the nearest one that is known; all of the same sum."""
+    sensor = loaded.camera.sensor
+    superpixel_um = sensor.superpixel * sensor.pitch.um
     frames: dict[float | None, Tensor] = {}
+    superpixels = False
     if folder is None:
         frames[None] = run.frame("psf").counts
     else:
@@ -251,25 +255,56 @@ def _measured_psfs(
             )
         for each in ahead:
             nm = None if each.wavelength is None else each.wavelength.um * 1e3
-            frames.setdefault(nm, folder.frame(each).counts)
+            if nm in frames:
+                continue
+            frames[nm] = folder.frame(each).counts
+            if sensor.superpixel > 1 and math.isclose(each.pixel.um, superpixel_um, rel_tol=0.01):
+                frames[nm] = _on_all_pixels(frames[nm], each.channels, sensor.mosaic)
+                superpixels = True
         run.reads({f"PSF {each.file}": folder.path / each.file for each in ahead})
     known = [nm for nm in frames if nm is not None]
     if not known and wavelengths[0] is not None:
         run.reporter.note("one PSF is known, without a wavelength: it is taken for all bands")
+    if superpixels:
+        run.reporter.note(
+            "the PSFs are of superpixels, and are interpolated to all pixels, each colour from its "
+            "own: detail finer than two superpixels is lost. A folder with "
+            f"{CAMERA_FILE} and without {PSFS_FILE} has PSFs of all pixels simulated"
+        )
     psfs = []
     for nm in wavelengths:
         nearest: float | None = None
         if known and nm is not None:
             nearest = known[int(np.argmin([abs(each - nm) for each in known]))]
         psf = frames.get(nearest, next(iter(frames.values()))).mean(dim=0)
-        if psf.shape[0] < sensor[0] or psf.shape[1] < sensor[1]:
+        if psf.shape[0] < sensor.rows or psf.shape[1] < sensor.columns:
             raise DataError(
-                f"a PSF has {psf.shape[0]}×{psf.shape[1]} pixels and the sensor {sensor[0]}×"
-                f"{sensor[1]}: --bands needs PSFs on all pixels of the sensor, not superpixels. A "
-                f"folder with {CAMERA_FILE} and without {PSFS_FILE} has them simulated"
+                f"a PSF has {psf.shape[0]}×{psf.shape[1]} pixels and the sensor {sensor.rows}×"
+                f"{sensor.columns}: --bands needs PSFs on all pixels of the sensor, or the folder "
+                f"whose {PSFS_FILE} lists those of superpixels. A folder with {CAMERA_FILE} and "
+                f"without {PSFS_FILE} has them simulated"
             )
         psfs.append(psf / psf.sum())
     return torch.stack(psfs)
+
+
+def _on_all_pixels(psf: Tensor, channels: tuple[str, ...], mosaic: str) -> Tensor:
+    """A PSF of superpixels, (channels, rows, columns), on all pixels behind a colour mosaic.
+
+    A colour is that of its own pixels in the superpixel, and its values lie there.
+    """
+    rows, columns = psf.shape[-2:]
+    # `magnified` keeps the size.
+    wide = nnf.pad(
+        psf,
+        (columns - columns // 2, columns // 2, rows - rows // 2, rows // 2),
+    )
+    planes = []
+    for plane, channel in zip(wide, channels, strict=True):
+        own = [place for place, colour in enumerate(mosaic) if channel in (colour, "grey")]
+        moved = [sum(axis) / len(own) for axis in zip(*(divmod(k, 2) for k in own), strict=True)]
+        planes.append(magnified(plane, 2.0, moved=(moved[0], moved[1])))
+    return torch.stack(planes)
 
 
 def _support(

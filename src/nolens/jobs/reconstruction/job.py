@@ -127,6 +127,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         method=reconstructor.method_name,
         automatic_tau=options.tau == "auto",
         automatic_support=setup.light is not None,
+        acceptance=setup.light is not None and setup.light.is_acceptance,
         seconds=run.clock.seconds,
         pixel_rad=setup.pixel_rad,
         left_out=setup.field.left_out,

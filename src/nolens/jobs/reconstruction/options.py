@@ -335,7 +335,11 @@ class ReconstructOptions(JobOptions):
     camera: Annotated[
         Name | None,
         Option(
-            f"For --field, --depths and --flatten: {CAMERAS}.", SOLVER, role="camera", label="PSF"
+            "Tells from where light can come, and is needed for --field, --depths and --flatten "
+            f"unless {CAMERA_FILE} lies beside the PSF: {CAMERAS}.",
+            SOLVER,
+            role="camera",
+            label="PSF",
         ),
     ] = None
     method: Annotated[Method, Option("How to solve.", SOLVER, label="Method")] = Method.ADMM

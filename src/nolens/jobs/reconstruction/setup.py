@@ -48,6 +48,7 @@ from nolens.solvers.result import window_of
 from nolens.solvers.scene_prior import SLOW_PRIOR
 
 if TYPE_CHECKING:
+    from nolens.camera import LoadedCamera
     from nolens.files.psf_folder import ScenePsfs
     from nolens.twin import Rectification, Twin
 
@@ -97,14 +98,16 @@ class Prepared:
         measurement, development = developed.measurement, developed.development
         field_psf = development.field_psf(measurement)
         reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
-        light = _light(run, reconstructor, options, measurement)
+        light = _light(run, reconstructor, options, measurement, psf)
         if light is not None:
             reconstructor = replace(reconstructor, support=light.support)
         field = FieldChoice(reconstructor)
         if options.field_points == "auto":
             field = choose_field(reconstructor, measurement, development.psf_alone(measurement))
         run.warn(*field.warnings)
-        return cls(options, choice, development, measurement, field.reconstructor, light, field)
+        solver = field.reconstructor
+        run.warn(*_coverage_warnings(options, solver, measurement, development, light))
+        return cls(options, choice, development, measurement, solver, light, field)
 
 
 @dataclass(frozen=True)
@@ -143,16 +146,7 @@ class Setup(Prepared):
         )
         if twin is not None:
             _check_pixels(twin, options, measurement)
-        field_psf, psf = reconstructor.field_psf, tensor_of(reconstructor.psf, "PSF")
-        if options.psf_folder is not None and field_psf is not None:
-            # Most reconstructions need no camera.
-            from nolens.files.psf_folder import PsfFolder
-
-            scene = support_of(reconstructor.support, measurement.size)
-            folder = PsfFolder(options.psf_folder)
-            run.warn(
-                *folder.coverage_warnings(field_psf, scene, measurement.size, development.merged)
-            )
+        psf = tensor_of(reconstructor.psf, "PSF")
         reconstructor = mapped_where_needed(
             reconstructor, measurement, LESS_MEMORY, run.reporter.note
         )
@@ -162,7 +156,13 @@ class Setup(Prepared):
             reconstructor = reconstructor.with_detail(weight, options.detail)
         prediction = None
         if chosen is None:
-            explanation = explain(reconstructor, measurement, weight, development.psf.source)
+            explanation = explain(
+                reconstructor,
+                measurement,
+                weight,
+                development.psf.source,
+                stated_support=options.support != "auto" or options.field is not None,
+            )
             run.warn(*explanation.warnings)
             prediction = explanation.prediction
         problem = reconstructor.problem(measurement)
@@ -264,22 +264,16 @@ class Setup(Prepared):
     def pixel_rad(self) -> float | None:
         """Angle of a scene pixel in the middle of the view; None where no camera is known."""
         options = self.options
-        camera = options.camera or options.psf.parent / CAMERA_FILE
-        if isinstance(camera, Path) and not camera.is_file():
+        size = self.measurement.size
+        loaded = camera_of(options.camera, options.psf.parent, options.bin_by, size)
+        if loaded is None:
             return None
         # Most reconstructions need no camera.
         from nolens.calibrate.distances import pixel_angle
-        from nolens.files import read_camera
 
-        try:
-            described = read_camera(camera).camera
-        except NolensError:  # A file beside the PSF may be of another kind.
-            return None
-        side = options.bin_by * (1 if described.sensor.mosaic == "none" else 2)
-        size = described.sensor.rows // side, described.sensor.columns // side
-        if size != self.measurement.size:  # Another camera's.
-            return None
-        return pixel_angle(described, side * described.sensor.pitch.um)
+        sensor = loaded.camera.sensor
+        pitch_um = self.options.bin_by * sensor.superpixel * sensor.pitch.um
+        return pixel_angle(loaded.camera, pitch_um)
 
     def picture(self, scene: Tensor) -> Tensor:
         """The part of a scene that is written, rectified and turned as the options say."""
@@ -301,6 +295,68 @@ class Setup(Prepared):
 
         window = PixelRectangle(*self.window_on_sensor)
         return Rectification(self.twin, window, self.options.bin_by)
+
+
+def camera_of(
+    name: str | None, folder: Path, bin_by: int, sensor: tuple[int, int]
+) -> "LoadedCamera | None":
+    """The camera of a name, or else of a folder; None where it has no measurement of that size.
+
+    Parameters
+    ----------
+    name, folder
+        Of the camera.
+    bin_by, sensor
+        Pixels along a superpixel of the measurement, and its (height, width).
+    """
+    camera = name or folder / CAMERA_FILE
+    if isinstance(camera, Path) and not camera.is_file():
+        return None
+    # Most reconstructions need no camera.
+    from nolens.files import read_camera
+
+    try:
+        loaded = read_camera(camera)
+    except NolensError:  # A file beside the PSF may be of another kind.
+        return None
+    side = bin_by * loaded.camera.sensor.superpixel
+    size = loaded.camera.sensor.rows // side, loaded.camera.sensor.columns // side
+    return loaded if size == sensor else None
+
+
+def acceptance_of(
+    loaded: "LoadedCamera",
+    bin_by: int,
+    sensor: tuple[int, int],
+    psf: Tensor,
+    nearest_um: float | None,
+) -> PixelRectangle | None:
+    """Pixels whose light a camera accepts (`acceptance_support`).
+
+    None where that is all that the sensor can see, or the camera's mask cannot be computed.
+
+    Parameters
+    ----------
+    loaded
+        The camera.
+    bin_by, sensor, psf
+        The measurement's pixels along a superpixel, its (height, width), and its PSF.
+    nearest_um
+        Distance of the nearest thing in the scene; None where it is not known.
+    """
+    # Most reconstructions need no camera.
+    from nolens.twin import acceptance_support, preview_model
+
+    try:
+        twin = preview_model(loaded)
+    except NolensError:
+        return None
+    support = acceptance_support(twin, nearest_um)
+    support = support if bin_by == 1 else support.coarser(bin_by)
+    seen = Geometry.build(sensor, (psf.shape[-2], psf.shape[-1]), None)
+    whole = PixelRectangle(*seen.origin, *seen.scene[2:])
+    support = support.intersection(whole)
+    return None if support == whole else support
 
 
 def _twin(run: Run[ReconstructOptions]) -> "Twin | None":
@@ -335,6 +391,44 @@ def _check_pixels(twin: "Twin", options: ReconstructOptions, measurement: Measur
             f"camera {twin.camera.name!r} would give {size[0]}×{size[1]}: for --flatten and "
             "--undistort give the camera that it is from (--camera)"
         )
+
+
+def _coverage_warnings(
+    options: ReconstructOptions,
+    reconstructor: Reconstructor,
+    measurement: Measurement,
+    development: Development,
+    light: SupportChoice | None,
+) -> list[str]:
+    """About angles of the scene that PSFs over the field do not cover.
+
+    Raises
+    ------
+    OptionError
+        If the options ask for such a scene.
+    """
+    field_psf = reconstructor.field_psf
+    if options.psf_folder is None or field_psf is None:
+        return []
+    # Most reconstructions need no camera.
+    from nolens.files.psf_folder import PsfFolder
+
+    everywhere = light is not None and light.is_acceptance
+    scene = None if everywhere else support_of(reconstructor.support, measurement.size)
+    stated = stated_options(
+        support=options.support, field=options.field, field_points=options.field_points
+    )
+    folder = PsfFolder(options.psf_folder)
+    return folder.coverage_warnings(field_psf, scene, measurement.size, development.merged, stated)
+
+
+def stated_options(**values: object) -> str:
+    """Options that state a scene or PSFs, as the command line has them; empty without any."""
+    return " and ".join(
+        f"--{name.replace('_', '-')} {value}"
+        for name, value in values.items()
+        if value not in (None, "auto", "full")
+    )
 
 
 def _psf_choice(run: Run[ReconstructOptions], development: Development, frame: Frame) -> PsfChoice:
@@ -398,20 +492,30 @@ def _light(
     reconstructor: Reconstructor,
     options: ReconstructOptions,
     measurement: Measurement,
+    psf: Tensor,
 ) -> SupportChoice | None:
     """The choice of the support, where the options leave it to the program.
 
-    Light of later frames of a sequence can come from elsewhere than that of the first.
+    Light of later frames of a sequence can come from elsewhere than that of the first: their
+    support is the camera's acceptance.
     """
-    if options.support != "auto" or options.field is not None or options.is_sequence:
+    if options.support != "auto" or options.field is not None:
         return None
+    by, size = options.bin_by, measurement.size
+    loaded = camera_of(options.camera, options.psf.parent, by, size)
+    acceptance = None
+    if loaded is not None:
+        nearest_um = None if options.distance is None else depth_um(options.distance)
+        acceptance = acceptance_of(loaded, by, size, psf, nearest_um)
+    if options.is_sequence:
+        return None if acceptance is None else reconstructor.accept(measurement, acceptance)
 
     def watch(fraction: float) -> bool:
         return run.reporter.step(
             "% of the choice of the support", round(100 * fraction), 100, "the picture"
         )
 
-    return reconstructor.choose_support(measurement, progress=watch)
+    return reconstructor.choose_support(measurement, progress=watch, acceptance=acceptance)
 
 
 def _read_psf(
@@ -561,17 +665,16 @@ def _support(
             f"--support {options.support} and --field {options.field} both say where light can "
             "come from: leave one out"
         )
-    rectified = options.flatten or options.undistort
-    if (options.field is None) != (options.camera is None) and not (
-        rectified and options.field is None
-    ):
+    if options.field is not None and options.camera is None:
         raise OptionError(
-            "--field needs --camera, and --camera is for --field: an angle becomes pixels by the "
-            "camera's layers. Give both, such as --field 56deg --camera paper"
+            "--field needs --camera: an angle becomes pixels by the camera's layers. Give both, "
+            "such as --field 56deg --camera paper"
         )
-    if options.field is None or options.camera is None:
-        unlimited = options.support in ("auto", "full")
-        return None if unlimited else parse_support(options.support, sensor, psf)
+    unlimited = options.support in ("auto", "full")
+    support = None if unlimited else parse_support(options.support, sensor, psf)
+    rectified = options.flatten or options.undistort
+    if options.camera is None or (options.field is None and rectified):
+        return support
     # Most reconstructions need no camera.
     from nolens.files import read_camera
     from nolens.twin import FieldMap, preview_model
@@ -583,6 +686,8 @@ def _support(
             f"the camera {options.camera} has {size[0]}×{size[1]} pixels (height × width), and "
             f"the measurement {sensor[0]}×{sensor[1]}: give the measurement's camera, or --support"
         )
+    if options.field is None:
+        return support
     tangent = math.tan(math.radians(options.field.deg) / 2)
     whole = FieldMap.covering(camera, (tangent, tangent)).support
     by = options.bin_by

@@ -20,7 +20,7 @@ from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
 from nolens.files.contact_sheet import SheetPicture, write_contact_sheet
 from nolens.files.ome import write_ome_tiff
-from nolens.files.psf_folder import PsfFolder, pixel_of_camera
+from nolens.files.psf_folder import pixel_of_camera
 from nolens.files.video import check_video_support, write_mp4
 from nolens.jobs.reconstruction.options import LESS_MEMORY, ReconstructOptions
 from nolens.jobs.reconstruction.setup import Prepared, psf_row, read_development
@@ -28,7 +28,6 @@ from nolens.jobs.reconstruction.stack import fewer_slices, solve_stack
 from nolens.jobs.run import Product, Run, Writer
 from nolens.machine import BYTES_OF_PROGRAM
 from nolens.solvers import stack_bytes
-from nolens.solvers.inputs import support_of
 from nolens.solvers.video import ACROSS, VideoProblem
 
 _ITERATIONS, _TOLERANCE = 60, 3e-3
@@ -61,7 +60,7 @@ def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
     exposure_s = _exposure_s(options, frame)
     problem = VideoProblem.build(prepared.reconstructor, measurement, sensor, exposure_s, frames)
     shutter, single = problem.shutter, problem.single
-    run.warn(*_coverage_warnings(prepared), *_blur_warnings(shutter, problem.frame_s))
+    run.warn(*_blur_warnings(shutter, problem.frame_s))
     each = stack_bytes(1, single.channels, single.forward.geometry.padded)
     run.begin(
         BYTES_OF_PROGRAM + frames * each,
@@ -113,16 +112,6 @@ def _rolling_sensor(options: ReconstructOptions, camera: LoadedCamera | None) ->
             f'rolling, such as "down", under [sensor] in {options.psf.parent / CAMERA_FILE}'
         )
     return camera.camera.sensor
-
-
-def _coverage_warnings(prepared: Prepared) -> list[str]:
-    """About angles of the scene that PSFs over the field do not cover."""
-    options, size = prepared.options, prepared.measurement.size
-    if options.psf_folder is None:
-        return []
-    scene = support_of(prepared.reconstructor.support, size)
-    folder, field_psf = PsfFolder(options.psf_folder), prepared.reconstructor.field_psf
-    return folder.coverage_warnings(field_psf, scene, size, prepared.development.merged)
 
 
 def _blur_warnings(shutter: Shutter, frame_s: float) -> list[str]:

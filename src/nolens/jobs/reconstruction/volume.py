@@ -25,6 +25,7 @@ from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, read_psf_set
 from nolens.files.stacks import volume_writers
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_support
+from nolens.jobs.reconstruction.setup import stated_options
 from nolens.jobs.reconstruction.stack import fewer_slices, solve_stack
 from nolens.jobs.refocusing import field_warnings, read_depth_psfs
 from nolens.jobs.run import Product, Run
@@ -87,11 +88,13 @@ def reconstruct_volume(
         )
     depths = sorted(depth_um(each) for each in options.depths or ())
     measurement, known, camera = _read(run, psfs)
+    known.check_depths(depths, "--depths")
     run.warn(*known.warnings, *known.depth_warnings(depths, None))
     run.warn(*spacing_warnings(depths, known.depth_of_focus_per_m))
     farthest = known.at(depths[-1])
     support = _support(run, measurement, known)
-    run.warn(*field_warnings(known, depths, measurement.size, support))
+    stated = stated_options(support=options.support, field_points=options.field_points)
+    run.warn(*field_warnings(known, depths, measurement.size, support, stated))
     mapped = _check_memory(run, measurement, farthest, support, len(depths))
     operators = _operators(run, depths, measurement, known, support, mapped=mapped)
     run.begin()
