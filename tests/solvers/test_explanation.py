@@ -55,7 +55,11 @@ def said(
     stated: bool = True,
 ) -> str:
     solver = Reconstructor(psf, support, tau=1e-4)
-    return " ".join(explain(solver, data, None, "psf", stated_support=stated).warnings)
+    return " ".join(
+        explain(
+            solver, data, None, "psf", support_by="person" if stated else "measurement"
+        ).warnings
+    )
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.03, 0.2])

@@ -44,7 +44,13 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers import Progress as Iteration
-from nolens.solvers.explanation import FieldChoice, choose_field, explain, picture_warnings
+from nolens.solvers.explanation import (
+    FieldChoice,
+    SupportBy,
+    choose_field,
+    explain,
+    picture_warnings,
+)
 from nolens.solvers.inputs import Support, one_of, support_of, tensor_of
 from nolens.solvers.plug_and_play import PlugAndPlay
 from nolens.solvers.psf_choice import Extent
@@ -259,7 +265,9 @@ def reconstruct(
 
             weight = solver.choose_weight(data, progress=choosing)
             solver = solver.with_detail(weight, detail)
-        explanation = explain(solver, data, weight, point.source, stated_support=support != "auto")
+        support_by: SupportBy = "measurement" if support == "auto" else "person"
+        support_by = "camera" if everywhere else support_by
+        explanation = explain(solver, data, weight, point.source, support_by=support_by)
         problem = solver.problem(data)
 
         def watch(step: Iteration) -> None:

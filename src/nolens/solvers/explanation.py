@@ -6,7 +6,7 @@ and what explains clearly more is named.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import torch
 import torch.nn.functional as nnf
@@ -113,6 +113,10 @@ class FieldChoice:
         }
 
 
+SupportBy = Literal["measurement", "person", "camera"]
+"""What tells the support of a scene."""
+
+
 def choose_field(
     reconstructor: Reconstructor, measurement: Measurement, alone: Tensor | None = None
 ) -> FieldChoice:
@@ -149,7 +153,7 @@ def explain(
     weight: Weight | None,
     psf_source: str,
     *,
-    stated_support: bool = False,
+    support_by: SupportBy = "measurement",
 ) -> Explanation:
     """Whether a measurement is one of a reconstructor's PSF and support.
 
@@ -164,8 +168,8 @@ def explain(
         it costs a few tens of iterations on coarse pixels.
     psf_source
         Where the PSF comes from, for messages.
-    stated_support
-        Whether a person stated the support, which can then be the cause.
+    support_by
+        What tells the support: one that a person states may be the cause.
     """
     trials = _Trials(reconstructor, measurement)
     # A weight is chosen with the PSF of the axis alone.
@@ -178,7 +182,7 @@ def explain(
     # What noise buries here may be seen on coarse pixels.
     if prediction.explained >= _WELL and prediction.unexplained_by_noise <= _BURIED:
         return Explanation(prediction)
-    cause = trials.cause(psf_source, stated_support=stated_support)
+    cause = trials.cause(psf_source, support_by)
     return Explanation(prediction, () if cause is None else (cause,))
 
 
@@ -270,7 +274,7 @@ class _Trials:
         solver = replace(self._solver, field_psf=self._solver.field_psf or one)
         return solver.predict(self._data, self._valid)
 
-    def cause(self, psf_source: str, *, stated_support: bool) -> str | None:
+    def cause(self, psf_source: str, support_by: SupportBy) -> str | None:
         """The sentence for a measurement that is badly explained; None where it is not."""
         now = self._solver.predict(self._data, self._valid)
         if now is None:
@@ -283,9 +287,10 @@ class _Trials:
         if badly and has_finer_detail(self._data, self._psf):
             return None  # It was said with the PSF.
         remedy = (
-            self._larger_support(now)
+            # Beyond what the camera accepts, light would explain a model's errors.
+            (support_by != "camera" and self._larger_support(now))
             or (self._single and (self._exchange(now) or self._size(now) or self._sharper(now)))
-            or (self._unknown(stated_support=stated_support) if badly else None)
+            or (self._unknown(support_by) if badly else None)
         )
         if not remedy:
             return None
@@ -348,10 +353,10 @@ class _Trials:
             "(--support), or none"
         )
 
-    def _unknown(self, *, stated_support: bool) -> str:
+    def _unknown(self, support_by: SupportBy) -> str:
         """What is said where nothing that was tried explains clearly more."""
         support = support_of(self._solver.support, self._sensor)
-        if support is None or not stated_support:
+        if support is None or support_by != "person":
             return f": {_UNKNOWN}"
         return (
             f": is the scene larger than its stated support of {support.height}×{support.width} "

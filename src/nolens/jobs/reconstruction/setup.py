@@ -40,7 +40,7 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers.admm_state import Balance
-from nolens.solvers.explanation import FieldChoice, choose_field, explain
+from nolens.solvers.explanation import FieldChoice, SupportBy, choose_field, explain
 from nolens.solvers.held_out import Prediction
 from nolens.solvers.inputs import support_of, tensor_of
 from nolens.solvers.reconstructor import SPARE
@@ -109,6 +109,13 @@ class Prepared:
         run.warn(*_coverage_warnings(options, solver, measurement, development, light))
         return cls(options, choice, development, measurement, solver, light, field)
 
+    @property
+    def support_by(self) -> SupportBy:
+        """What tells the support."""
+        if self.options.support != "auto" or self.options.field is not None:
+            return "person"
+        return "camera" if self.light is not None and self.light.is_acceptance else "measurement"
+
 
 @dataclass(frozen=True)
 class Setup(Prepared):
@@ -161,7 +168,7 @@ class Setup(Prepared):
                 measurement,
                 weight,
                 development.psf.source,
-                stated_support=options.support != "auto" or options.field is not None,
+                support_by=prepared.support_by,
             )
             run.warn(*explanation.warnings)
             prediction = explanation.prediction
@@ -413,8 +420,8 @@ def _coverage_warnings(
     # Most reconstructions need no camera.
     from nolens.files.psf_folder import PsfFolder
 
-    everywhere = light is not None and light.is_acceptance
-    scene = None if everywhere else support_of(reconstructor.support, measurement.size)
+    known = light is None or not light.is_acceptance
+    scene = support_of(reconstructor.support, measurement.size) if known else None
     stated = stated_options(
         support=options.support, field=options.field, field_points=options.field_points
     )
@@ -507,6 +514,8 @@ def _light(
     if loaded is not None:
         nearest_um = None if options.distance is None else depth_um(options.distance)
         acceptance = acceptance_of(loaded, by, size, psf, nearest_um)
+        if options.camera is None:
+            run.reads({"layers of the camera": options.psf.parent / CAMERA_FILE})
     if options.is_sequence:
         return None if acceptance is None else reconstructor.accept(measurement, acceptance)
 
