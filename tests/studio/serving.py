@@ -19,6 +19,9 @@ import psutil
 import uvicorn
 from fastapi import FastAPI
 
+from nolens.files.weights import write_weights
+from nolens.solvers.denoising_network import DenoisingNetwork
+from nolens.solvers.plug_and_play import PlugAndPlay
 from nolens.studio.app import Studio, create_app
 from nolens.studio.serve import configuration, listen
 from nolens.studio.workspace import Workspace
@@ -122,6 +125,13 @@ def command(*arguments: object) -> "Iterator[subprocess.Popen[str]]":
                 for child in psutil.Process(process.pid).children(recursive=True):
                     child.kill()
             process.kill()
+
+
+def write_own_weights(path: Path) -> Path:
+    """A small prior, as `nolens train` writes one."""
+    network = DenoisingNetwork((8,), (1,))
+    write_weights(path, PlugAndPlay(network, (0.1,), {"prior": "denoiser"}), {})
+    return path
 
 
 def stop(process: "subprocess.Popen[str]") -> tuple[int, str]:

@@ -14,9 +14,10 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from serving import Running, serving
+from serving import Running, serving, write_own_weights
 
 from nolens.files import read_frame, read_record
+from nolens.files.weights import sha256_of_weights
 from nolens.studio.jobs import JobQueue, TooManyJobsError
 from nolens.studio.schemas import JobRequest
 from nolens.studio.workspace import Workspace
@@ -64,8 +65,15 @@ def test_reconstruction_runs_with_its_curve_and_files(studio: Running) -> None:
     assert light[20:40, 30:60].mean() > 3 * light[:15].mean() + 1
     record = read_record(studio.work / job["outputs"][2].removeprefix("work/"))
     assert record.result["iterations"] == 40
-    again = studio.ended(studio.job("reconstruct", {**RECONSTRUCT, "iterations": 4}))
+    weights = write_own_weights(studio.work / "uploads/mine.npz")
+    again = studio.ended(
+        studio.job("reconstruct", {**RECONSTRUCT, "prior": "work/uploads/mine.npz"})
+    )
+    assert again["status"] == "done", again
     assert again["outputs"][0] != job["outputs"][0]
+    assert again["summary"]["weights_sha256"] == sha256_of_weights(weights)
+    kept = studio.get(f"record?path={again['outputs'][2]}")["record"]
+    assert kept["parameters"]["prior"] == "work/uploads/mine.npz"
 
 
 def answer_file(studio: Running, answer: httpx.Response) -> Path:
@@ -85,6 +93,10 @@ def answer_file(studio: Running, answer: httpx.Response) -> Path:
         ("reconstruct", {**RECONSTRUCT, "psf": "../x.npy"}, "is no path here"),
         ("reconstruct", {**RECONSTRUCT, "psf": "work/uploads/../../x"}, "is no path here"),
         ("reconstruct", {**RECONSTRUCT, "psf": {"a": 1}}, "give a path"),
+        ("reconstruct", {**RECONSTRUCT, "prior": "/etc/mine.npz"}, "is no path here"),
+        ("reconstruct", {**RECONSTRUCT, "prior": "mine.npz"}, "is no path here"),
+        ("reconstruct", {**RECONSTRUCT, "prior": "work/no.npz"}, "there is no work/no.npz"),
+        ("reconstruct", {**RECONSTRUCT, "prior": "mine"}, "prior is 'mine'"),
         ("design-look", {"camera": "/etc"}, "is no path here"),
         ("design-look", {"camera": "etc"}, "there is no camera 'etc'"),
         ("design-look", {"thickness": {"resin": "1"}}, "1 has no unit"),

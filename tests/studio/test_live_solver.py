@@ -1,13 +1,19 @@
 """Weight and recovery of the live view's solver, with a simulated camera whose scene jumps."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import torch
 
-from nolens.camera import FieldPsf, Frame, Measurement
+from nolens.camera import FieldPsf, Frame, LoadedCamera, Measurement, preset
 from nolens.evaluate import psnr, scale_fit
+from nolens.files import write_camera
 from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
 from nolens.solvers import FieldPoint, Reconstructor
+from nolens.studio import live_camera
 from nolens.studio.live_solver import LiveSolver
 from nolens.studio.schemas import Settings
+from nolens.twin import acceptance_support, preview_model
 
 _SENSOR = (96, 128)
 _SUPPORT = PixelRectangle.centred(40, 56, _SENSOR)
@@ -90,7 +96,7 @@ def test_psfs_over_the_field(monkeypatch) -> None:
             live = solver.solve(frame, Settings(over_field=over_field), 1.0)
             stream.weigh(live.tau)
             expected = stream.solve(frame.values).photograph
-        solver.await_weights()
+        solver.await_choices()
         quality[name] = _quality(live.radiance, _scene(1))
     assert live.field_points == 5 and torch.equal(live.radiance, expected)
     assert quality["all"] > 1 + max(quality["one"], quality["mean"])
@@ -102,7 +108,78 @@ def test_weight_is_chosen_beside_the_frames_and_divided_by_the_detail() -> None:
     frame = _frame(blur, _scene(1), 0)
     chosen = Reconstructor(psf, _SUPPORT).choose_weight(frame).tau
     solver.solve(frame, Settings(), 1.0)
-    solver.await_weights()
+    solver.await_choices()
     assert solver.solve(frame, Settings(), 1.0).tau == chosen
     assert solver.solve(frame, Settings(detail=4), 1.0).tau == chosen / 4
     assert solver.solve(frame, Settings(method="wiener"), 1.0).tau > 0
+
+
+def test_light_comes_from_what_the_camera_accepts(monkeypatch) -> None:
+    """Pictures are then those with that support, dark around it; where light comes from beyond,
+    they stay those without any.
+    """
+    monkeypatch.setattr("nolens.studio.live_solver._LATENCY_S", None)
+    psf, blur = _camera()
+    frame, asked = _frame(blur, _scene(1), 0), []
+
+    def acceptance(by: int, size: tuple[int, int], given: torch.Tensor) -> PixelRectangle:
+        asked.append((by, size, given))
+        return _SUPPORT
+
+    solver = LiveSolver(psf, acceptance=acceptance)
+    assert solver.solve(frame, Settings(), 1.0).radiance.shape[1:] == _SENSOR
+    solver.await_choices()
+    assert asked == [(1, _SENSOR, psf)]
+    filtered = Settings(method="wiener")
+    own = _picture(LiveSolver(psf, _SUPPORT), frame, filtered)
+    assert torch.equal(_picture(solver, frame, filtered), _around(own))
+    live = solver.solve(frame, Settings(), 1.0)
+    stream = Reconstructor(psf, _SUPPORT, 0.0).stream(frame, iterations=2)
+    stream.weigh(live.tau)
+    assert torch.equal(live.radiance, _around(stream.solve(frame.values).photograph))
+
+    far = CroppedConvolution(psf, _SENSOR, PixelRectangle(2, 3, 40, 56))
+    beyond = _frame(far, _scene(1), 0)
+    solver = LiveSolver(psf, acceptance=acceptance)
+    solver.solve(beyond, Settings(), 1.0)
+    solver.await_choices()
+    free = _picture(LiveSolver(psf), beyond, filtered)
+    assert len(asked) == 2
+    assert torch.equal(_picture(solver, beyond, filtered), free)
+
+
+def _picture(solver: LiveSolver, frame: Measurement, settings: Settings) -> torch.Tensor:
+    """Of a frame; nothing goes on in a thread beside it afterwards."""
+    picture = solver.solve(frame, settings, 1.0).radiance
+    solver.await_choices()
+    return picture
+
+
+def _around(picture: torch.Tensor) -> torch.Tensor:
+    """A picture of the support in a dark one of the sensor's size."""
+    whole = torch.zeros(len(picture), *_SENSOR)
+    rows = slice(_SUPPORT.top, _SUPPORT.top + _SUPPORT.height)
+    whole[:, rows, _SUPPORT.left : _SUPPORT.left + _SUPPORT.width] = picture
+    return whole
+
+
+def test_acceptance_is_of_the_camera_beside_the_psf(tmp_path: Path) -> None:
+    psf = torch.ones(1, 380, 507)
+    write_camera(tmp_path / "mine", preset("paper"))
+    twin = preview_model(LoadedCamera.of(preset("paper")))
+    expected = acceptance_support(twin, None).coarser(4)
+    assert live_camera._acceptance(tmp_path / "mine", 4, (380, 507), psf) == expected
+    assert live_camera._acceptance(tmp_path / "mine", 4, (190, 253), psf) is None
+    assert live_camera._acceptance(tmp_path, 4, (380, 507), psf) is None
+
+
+def test_psf_of_a_twin_is_on_the_pixels_of_its_frames() -> None:
+    """Also where it has more rows than the sensor."""
+    camera = LoadedCamera.of(preset("paper"))
+    source = SimpleNamespace(
+        psf=lambda: torch.rand(1, 1741, 2319),
+        support=PixelRectangle.centred(220, 292, (1520, 2028)),
+    )
+    solver = live_camera._twin_solver(source, camera)
+    frame = Measurement(torch.rand(1, 380, 507), torch.ones(1, 380, 507) > 0, ("grey",), None, "")
+    assert _picture(solver, frame, Settings(method="wiener")).shape[1:] == (55, 73)

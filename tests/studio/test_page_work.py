@@ -15,6 +15,7 @@ import pytest
 import tifffile
 from browser import Visit, await_text, needs_chromium, picture_of, until
 from PIL import Image
+from serving import write_own_weights
 
 import nolens as nl
 from nolens.camera import PsfEntry
@@ -269,6 +270,7 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
         "() => [...document.querySelectorAll('select')].some((e) => /flat.dng$/.test(e.value))"
     )
     page.get_by_label("Turn the picture").select_option("Mirrored")
+    own_weights(page, studio_folder)
     form.get_by_label("Prior", exact=True).select_option("Few bright points (l1)")
     page.get_by_label("Fit low frequencies").select_option("Off")
     form.get_by_label("Iterations, at most").fill("3")
@@ -289,6 +291,24 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
         "bin": 2,
     }
     used_again(visit)
+
+
+def own_weights(page: Any, folder: Path) -> None:
+    """A prior of one's own is brought, and stays chosen while files are listed anew; what is no
+    file of weights is refused, and leaves the choice.
+    """
+    prior = reconstruction(page).get_by_label("Prior", exact=True)
+    bring = page.get_by_label("Prior of yours")
+    assert prior.input_value() == "auto"
+    bring.set_input_files(write_own_weights(folder / "mine.npz"))
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('select')].some((e) => /mine.npz$/.test(e.value))"
+    )
+    assert prior.input_value() == "work/uploads/mine.npz"
+    assert prior.locator("optgroup option").all_inner_texts() == ["mine.npz"]
+    bring.set_input_files({"name": "note.toml", "mimeType": "", "buffer": b"[note]\n"})
+    await_text(page, "#notices", "note.toml cannot be used here: bring an .npz of weights")
+    assert prior.input_value() == "work/uploads/mine.npz"
 
 
 def used_again(visit: Visit) -> None:

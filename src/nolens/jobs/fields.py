@@ -332,6 +332,8 @@ else:
             "(nolens train). auto: denoiser for a photo, and total variation for a sequence and "
             "where another option is about how to minimise.",
             SOLVER,
+            # As of a material: a name that is known, or a file in its place.
+            role="material",
             label="Prior",
         ),
     ]

@@ -226,7 +226,7 @@ def with_paths(
         return str(workspace.resolve(text))
 
     def material(text: str) -> str:
-        is_file = "/" in text or text.lower().endswith(".toml")
+        is_file = "/" in text or text.lower().endswith((".toml", ".npz"))
         return str(workspace.resolve(text)) if is_file else text
 
     change: dict[str, Callable[[str], str]] = {

@@ -5,9 +5,11 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from nolens.camera import Frame, LoadedCamera, Measurement, develop
 from nolens.camera.measurement import bin_mean
@@ -323,22 +325,36 @@ def open_live(
     if not isinstance(source, TwinSource):
         return LiveSource("raspberry" if text == "auto" else text, camera, solver, file)
     name = text.partition(":")[2] or _TWIN
-    solver = solver or _twin_solver(source)
-    return LiveSource(f"twin:{name}", camera, solver, file, source, read_camera(name))
+    loaded = read_camera(name)
+    solver = solver or _twin_solver(source, loaded)
+    return LiveSource(f"twin:{name}", camera, solver, file, source, loaded)
 
 
 def _solver(psf: Path) -> LiveSolver:
     """Solver with the PSF of a file, or with all PSFs over the field that a folder lists."""
+    acceptance = partial(_acceptance, psf.parent)
     if psf.name != PSFS_FILE:
-        return LiveSolver(read_frame(psf))
+        return LiveSolver(read_frame(psf), acceptance=acceptance)
     psfs = PsfFolder(psf.parent).for_scene(None)
-    return LiveSolver(psfs.ahead, field_points=psfs.field_points)
+    return LiveSolver(psfs.ahead, field_points=psfs.field_points, acceptance=acceptance)
 
 
-def _twin_solver(source: TwinSource) -> LiveSolver:
+def _acceptance(
+    folder: Path, by: int, sensor: tuple[int, int], psf: Tensor
+) -> PixelRectangle | None:
+    """What the camera of a folder accepts, where that is its PSF's and has such frames."""
+    # Most live views know no camera.
+    from nolens.jobs.reconstruction.setup import acceptance_of, camera_of
+
+    loaded = camera_of(None, folder, by, sensor)
+    return None if loaded is None else acceptance_of(loaded, by, sensor, psf, None)
+
+
+def _twin_solver(source: TwinSource, loaded: LoadedCamera) -> LiveSolver:
     """Solver with the PSF and the support of a simulated camera, in pixels of the live view."""
     psf, support = source.psf(), source.support
-    by = live_bin(psf.shape[-2])
+    # The PSF may have more rows than the sensor.
+    by = live_bin(loaded.camera.sensor.rows // loaded.camera.sensor.superpixel)
     if by == 1:
         return LiveSolver(psf, support)
     size = -(-support.height // by), -(-support.width // by)

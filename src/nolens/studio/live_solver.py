@@ -1,10 +1,13 @@
 """Frame after frame through one PSF, with settings that may change between two of them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from threading import Thread
 
 from torch import Tensor
 
 from nolens.camera import Frame, Measurement, PsfGeometry
+from nolens.errors import NolensError
 from nolens.operators import PixelRectangle
 from nolens.solvers import (
     Development,
@@ -15,6 +18,8 @@ from nolens.solvers import (
     Stream,
     wiener,
 )
+from nolens.solvers.inputs import tensor_of
+from nolens.solvers.result import window_of
 from nolens.studio.live_weight import LiveWeight, live_weight
 from nolens.studio.schemas import Settings
 
@@ -23,6 +28,9 @@ _LATENCY_S = 0.25
 _BASIS_ERROR = 0.08
 """Of PSFs over the field: a frame then takes 1.6 times less than with that of a photo, for 0.1 to
 0.3 dB (decision 18)."""
+Acceptance = Callable[[int, tuple[int, int], Tensor], PixelRectangle | None]
+"""Of a camera, by the sensor's pixels along one of the live view, (height, width) of a frame, and
+the PSF: pixels whose light it accepts; None where that is not known."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +73,9 @@ class LiveSolver:
         Pixels that light comes from; None for no limit.
     field_points
         PSFs over the field, `psf` among them; none where there is only that one.
+    acceptance
+        Of the camera: the support where none is given, from when a frame has shown no light beyond.
+        Pictures are as large as frames then, too, and dark around it.
     """
 
     def __init__(
@@ -72,8 +83,12 @@ class LiveSolver:
         psf: Tensor | Frame,
         support: PixelRectangle | None = None,
         field_points: tuple[FieldPoint, ...] = (),
+        acceptance: Acceptance | None = None,
     ) -> None:
         self._psf, self._support, self._field_points = psf, support, field_points
+        self._acceptance = acceptance
+        self._accepting: Thread | None = None
+        self._accepted: tuple[Reconstructor, PixelRectangle] | None = None
         self._camera: tuple[Reconstructor, Reconstructor] | None = None
         self._problem: Problem | None = None
         self._frames: tuple[object, ...] = ()
@@ -116,7 +131,7 @@ class LiveSolver:
             self._stream = None
             filtered = replace(problem.measuring(values, valid), tau=tau * problem.tau_unit**2)
             result = wiener(filtered)
-            picture, iterations = result.photograph, result.iterations
+            scene, iterations = result.scene, result.iterations
         else:
             if self._stream is None or self._iterations != settings.iterations:
                 self._iterations = settings.iterations
@@ -125,12 +140,15 @@ class LiveSolver:
                 )
             self._stream.weigh(tau)
             solved = self._stream.solve(values, valid)
-            picture, iterations = solved.photograph, solved.iterations
+            scene, iterations = solved.scene, solved.iterations
+        picture = window_of(scene, problem.sensor_frame if self._support is None else problem.frame)
         points = problem.forward.field_points
         return LivePicture(picture / brightness, measurement.channels, iterations, tau, points)
 
-    def await_weights(self) -> None:
-        """Wait for the choices of weights that are being made."""
+    def await_choices(self) -> None:
+        """Wait for the choices of weights and of the support that are being made."""
+        if self._accepting is not None:
+            self._accepting.join()
         for weight in self._weights.values():
             weight.wait()
 
@@ -143,23 +161,55 @@ class LiveSolver:
             whole = self._reconstructor(measurement)
             self._camera = whole, whole.averaged(measurement.size)
             self._weights, self._problem = {}, None
+            if self._acceptance is not None and self._support is None:
+                self._accepting = Thread(
+                    target=self._accept, args=(whole, measurement), daemon=True
+                )
+                self._accepting.start()
         whole, single = self._camera
+        if self._accepted is not None and self._accepted[0] is whole:
+            whole = replace(whole, support=self._accepted[1])
+            single = whole.averaged(measurement.size)
+            self._camera, self._problem = (whole, single), None
+            for weight in self._weights.values():
+                weight.reconstructor = replace(single, method=weight.reconstructor.method)
         if self._problem is None or self._frames != (*frames, over_field):
             self._problem = (whole if over_field else single).problem(measurement)
             self._frames, self._stream = (*frames, over_field), None
         return single, self._problem
 
+    def _accept(self, whole: Reconstructor, measurement: Measurement) -> None:
+        """Take the camera's acceptance, unless a measurement asks for light beyond."""
+        assert self._acceptance is not None
+        single = whole.averaged(measurement.size)
+        psf = tensor_of(single.psf, "PSF")
+        try:
+            acceptance = self._acceptance(self._by(measurement), measurement.size, psf)
+            if acceptance is None:
+                return
+            support = single.accept(measurement, acceptance).support
+        except (NolensError, ArithmeticError):
+            return  # Without it the view goes on.
+        if support is not None:
+            self._accepted = whole, support
+
+    def _by(self, measurement: Measurement) -> int:
+        """Pixels of the PSF along one of a measurement."""
+        if isinstance(self._psf, Tensor):
+            return 1
+        height, _ = self._psf.sensor or self._psf.counts.shape[-2:]
+        return max(1, height // (1 if self._psf.mosaic is None else 2) // measurement.size[0])
+
     def _reconstructor(self, measurement: Measurement) -> Reconstructor:
         """With the PSF, or PSFs, on the pixels of a measurement."""
         if isinstance(self._psf, Tensor):
             return Reconstructor(self._psf, self._support, tau=0.0)
-        psf, rows = self._psf, measurement.size[0]
+        psf = self._psf
         height, width = psf.sensor or psf.counts.shape[-2:]
-        by = max(1, height // (1 if psf.mosaic is None else 2) // rows)
         beyond = psf.counts.shape[-2] > height and psf.counts.shape[-1] > width
         development = Development(
             psf,
-            bin_by=by,
+            bin_by=self._by(measurement),
             psf_geometry=PsfGeometry(extended=beyond),
             field_points=self._field_points,
         )

@@ -32,12 +32,13 @@ class LiveWeight:
     ----------
     reconstructor
         With the PSF, on the pixels of the live view; its method says which weight is chosen.
+        Another support takes effect with the next choice.
     problem
         Of the first frame.
     """
 
     def __init__(self, reconstructor: Reconstructor, problem: Problem) -> None:
-        self._reconstructor = reconstructor
+        self.reconstructor = reconstructor
         if reconstructor.method is Method.WIENER:
             self.weight = _WIENER / problem.tau_unit
         else:
@@ -81,9 +82,10 @@ class LiveWeight:
     def _choose(self, measurement: Measurement) -> None:
         height, width = measurement.size
         by = math.ceil(math.sqrt(height * width / _PIXELS))
+        reconstructor = self.reconstructor
         try:
-            problem = self._reconstructor.coarse_problem(measurement, by=by)
-            wiener = self._reconstructor.method is Method.WIENER
+            problem = reconstructor.coarse_problem(measurement, by=by)
+            wiener = reconstructor.method is Method.WIENER
             weight = (choose_wiener_weight if wiener else choose_weight)(problem)
         except (NolensError, ArithmeticError):
             return  # Another frame may be better; the weight so far stays.

@@ -41,15 +41,29 @@ export async function filesBy(fits, own = ["shots", "uploads", "pictures"]) {
 
 /** @param {HTMLSelectElement} select @param {Group[]} groups @param {string} none @param {Choice[]} [first] choices that come before the files */
 export function offerFiles(select, groups, none, first = []) {
+  replaceChoices(select, [h("option", { value: "" }, none), ...first.map(choiceOf), ...groups.map(groupOf)]);
+}
+
+/** Files after the choices that a select has. @param {HTMLSelectElement} select @param {Group[]} groups */
+export function offerFilesToo(select, groups) {
+  replaceChoices(select, [...select.querySelectorAll(":scope > option"), ...groups.map(groupOf)]);
+}
+
+const choiceOf = (/** @type {Choice} */ { value, label }) => h("option", { value }, label);
+
+/** @param {Group} group */
+function groupOf({ label, files }) {
+  const element = h("optgroup", {}, ...files.map(({ path, name }) => choiceOf({ value: path, label: name })));
+  element.label = label;
+  return element;
+}
+
+/** What was chosen stays where it is still there, or else the first is. @param {HTMLSelectElement} select @param {Element[]} choices */
+function replaceChoices(select, choices) {
   const before = select.value;
-  const choice = (/** @type {Choice} */ { value, label }) => h("option", { value }, label);
-  select.replaceChildren(h("option", { value: "" }, none), ...first.map(choice), ...groups.map(({ label, files }) => {
-    const element = h("optgroup", {}, ...files.map(({ path, name }) => choice({ value: path, label: name })));
-    element.label = label;
-    return element;
-  }));
+  select.replaceChildren(...choices);
   select.value = before;
-  if (select.selectedIndex < 0) select.value = "";
+  if (select.selectedIndex < 0) select.selectedIndex = 0;
 }
 
 /** All cameras: presets and folders. @returns {Promise<Camera[]>} */

@@ -5,7 +5,7 @@ import { freshId, h, slider, tick } from "./dom.js";
 import { number } from "./format.js";
 import { declared, label, labelled, option, worded } from "./names.js";
 
-/** @typedef {{element: HTMLElement, value: () => unknown, set: (value: unknown) => void}} Control a value is undefined where the option is left out */
+/** @typedef {{element: HTMLElement, value: () => unknown, set: (value: unknown) => void, select?: HTMLSelectElement}} Control a value is undefined where the option is left out */
 /** @typedef {{words?: Record<string, string>, example?: string}} Words `words`: what the page calls the choices; `example`: of a text */
 
 const LONGEST = 34;
@@ -44,8 +44,13 @@ export function control(kind, name, { words = {}, example } = {}) {
     const usual = chosen ? normal : "";
     select.value = usual;
     return {
-      element: option(kind, name, select), value: () => (select.value === usual ? undefined : SWITCH[select.value] ?? select.value),
-      set: (value) => { select.value = value === undefined ? usual : value === true ? "on" : value === false ? "off" : String(value); },
+      element: option(kind, name, select), value: () => (select.value === usual ? undefined : SWITCH[select.value] ?? select.value), select,
+      set: (value) => {
+        const given = value === undefined ? usual : value === true ? "on" : value === false ? "off" : String(value);
+        select.value = given;
+        // A file that is in no folder here: the studio says so when it is asked for.
+        if (select.selectedIndex < 0) select.append(h("option", { value: given, selected: true }, given));
+      },
     };
   }
   const usual = worded(kind, normal);

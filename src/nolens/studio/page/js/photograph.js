@@ -29,6 +29,8 @@ import { Viewer } from "./viewer.js";
 const raw = ({ kind, name, path }) => kind === "raw" || (path.includes("/uploads/") && /\.png$/i.test(name));
 /** A file that may be a PSF: one of ours is no raw frame. @param {import("./choices.js").Entry} entry */
 const psfFile = (entry) => raw(entry) || (entry.kind === "picture" && /\.tiff?$/i.test(entry.name));
+/** A file that may hold weights of a prior. @param {import("./choices.js").Entry} entry */
+const weightsFile = ({ name }) => /(?<!\.state)\.npz$/i.test(name);
 const NAMED_PSF = /psf|point/i;
 
 class Photograph {
@@ -46,7 +48,7 @@ class Photograph {
     this.previewer = new Viewer({ title: "Measurement", layers: [this.preview], note: this.previewNote });
     this.previewed = this.previewer.element;
     this.psf = h("select", { onchange: () => this.follow() });
-    this.options = new ReconstructionOptions((file, select) => this.bring(file, select));
+    this.options = new ReconstructionOptions((file, select, accepted) => this.bring(file, select, accepted));
     this.maker = button("Reconstruct", told(() => this.reconstruct()), { class: "primary" });
     this.curve = h("div", { class: "objective", hidden: true });
     this.job = new JobView({ keep: "reconstruct", seen: (job) => this.draw(job) });
@@ -96,11 +98,11 @@ class Photograph {
   }
 
   async list() {
-    const [files, darks, psfFiles, several, single, cameras] = await Promise.all([
-      filesBy(raw), filesBy(raw, ["calibration", "shots", "uploads"]), filesBy(psfFile, ["uploads"]), fieldPsfChoices(), psfChoices(), calibratedCameras()]);
+    const [files, darks, psfFiles, weights, several, single, cameras] = await Promise.all([
+      filesBy(raw), filesBy(raw, ["calibration", "shots", "uploads"]), filesBy(psfFile, ["uploads"]), filesBy(weightsFile, ["uploads"]), fieldPsfChoices(), psfChoices(), calibratedCameras()]);
     const psfs = [...several, ...single];
     offerFiles(this.raw, files, "Choose a raw file");
-    this.options.offer(darks);
+    this.options.offer({ darks, weights });
     offerFiles(this.psf, psfFiles, psfs.length || psfFiles.length ? "Choose a PSF" : "None yet: calibrate, or bring a file", psfs);
     setOptions(this.cameras, cameras.length ? cameras : [{ value: "", label: "None yet: calibrate one" }]);
     const newest = files.find(({ place }) => place.endsWith("/shots"))?.files.find((each) => each.kind === "raw");
@@ -126,15 +128,19 @@ class Photograph {
       filePicker("Bring…", told(([file]) => this.bring(file, select)), { "aria-label": `${label} of yours` }));
   }
 
-  /** Store a file of the visitor's and choose it. @param {File} file @param {HTMLSelectElement} select */
-  async bring(file, select) {
+  /** Store a file of the visitor's and choose it. @param {File} file @param {HTMLSelectElement} select @param {string} [accepted] what may be chosen there */
+  async bring(file, select, accepted = "camera raw, .png, .tif, .npy or another of docs/formats.md") {
     this.previewed.hidden = false;
     this.previewNote.textContent = `Storing ${file.name}…`;
     try {
       const path = await upload(file);
       await this.list();
+      const before = select.value;
       select.value = path;
-      if (!select.value) throw new Error(`${file.name} cannot be used here: bring camera raw, .png, .tif, .npy or another of docs/formats.md.`);
+      if (!select.value) {
+        select.value = before;
+        throw new Error(`${file.name} cannot be used here: bring ${accepted}.`);
+      }
     } finally {
       this.previewNote.textContent = "";
     }

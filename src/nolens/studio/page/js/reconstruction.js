@@ -1,7 +1,7 @@
 // @ts-check
 /** How a raw file is read and reconstructed: the options that a person may leave as they are. */
 
-import { offerFiles } from "./choices.js";
+import { offerFiles, offerFilesToo } from "./choices.js";
 import { control, detailSlider, form } from "./controls.js";
 import { filePicker, h, segments } from "./dom.js";
 import { folderOf } from "./format.js";
@@ -45,7 +45,7 @@ const RECTIFIED = ["flatten", "undistort"];
 const SOLVING = ["sweep", "uncertainty", ...STACKS, ...RECTIFIED, "distance", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "field_points", "prior", "noise", "depth_smoothness", "spectral_smoothness", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
-  /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
+  /** @param {(file: File, select: HTMLSelectElement, accepted?: string) => Promise<void>} bring stores a file of the visitor's and chooses it */
   constructor(bring) {
     this.quality = segments(label(KIND, "quality"), [["draft", "Draft"], ["photo", "Photo"], ["exact", "Exact"]], "photo", () => {});
     this.files = { dark: h("select", {}), flat: h("select", {}) };
@@ -54,17 +54,21 @@ export class ReconstructionOptions {
     const { controls, files } = this;
     /** @type {Record<string, HTMLElement[]>} */
     const fields = { detail: [this.detail.element] };
-    for (const [name, select] of Object.entries(files)) {
-      fields[name] = [h("div", { class: "row low" }, h("div", { class: "grow" }, option(KIND, name, select)),
-        filePicker("Bring…", told(([file]) => bring(file, select)), { "aria-label": `${label(KIND, name)} of yours` }))];
-    }
+    const row = (/** @type {string} */ name, /** @type {HTMLElement} */ element, /** @type {HTMLSelectElement} */ select, /** @type {string | undefined} */ accepted = undefined) =>
+      h("div", { class: "row low" }, h("div", { class: "grow" }, element),
+        filePicker("Bring…", told(([file]) => bring(file, select, accepted)), { "aria-label": `${label(KIND, name)} of yours` }));
+    for (const [name, select] of Object.entries(files)) fields[name] = [row(name, option(KIND, name, select), select)];
     for (const [name, { element }] of Object.entries(controls)) fields[name] = [element];
+    const { element, select } = controls.prior;
+    if (select) fields.prior = [row("prior", element, select, "an .npz of weights that nolens train wrote")];
     this.elements = form(KIND, fields);
   }
 
-  /** Dark frames and flat fields to choose from. @param {import("./choices.js").Group[]} files */
-  offer(files) {
-    for (const select of Object.values(this.files)) offerFiles(select, files, "None");
+  /** Dark frames, flat fields and weights to choose from. @param {Record<"darks" | "weights", import("./choices.js").Group[]>} files */
+  offer({ darks, weights }) {
+    for (const select of Object.values(this.files)) offerFiles(select, darks, "None");
+    const { select } = this.controls.prior;
+    if (select) offerFilesToo(select, weights);
   }
 
   /** @param {string[]} names */
