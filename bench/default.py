@@ -3,17 +3,16 @@
 `make bench-default` (`python bench/default.py`) takes photographs of scikit-image with the paper's
 camera at several angles and with other masks, on few large pixels around the scene, and
 reconstructs each measurement without any option but its files, and with the scene's support and
-other strengths of both priors until they are worse on both sides. It writes the table
-`docs/default.md` of all cases that are kept in `--folder`, so that it can be interrupted and
-continued; `--photographs`, `--exposures` and `--cameras` measure a part.
+other strengths of both priors until they are worse on both sides. With `--data` it measures real
+measurements, too (`bench/default_real.py`). It writes its parts of `docs/default.md`, of all cases
+that are kept in `--folder`, so that it can be interrupted and continued; `--photographs`,
+`--exposures` and `--cameras` measure a part, and `--cameras` without a name real ones alone.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import statistics
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
@@ -22,10 +21,12 @@ from pathlib import Path
 import torch
 from skimage import data
 
+import default_real
 import nolens as nl
-from machine import describe
+from grid import FACTOR, MEASURED, Row, compare, table
 from nolens.files.cameras import read_camera
 from nolens.quantities import Length
+from page import write_part
 
 PIXELS = (608, 812)
 """Rows and columns of the sensor: superpixels are half of them."""
@@ -49,10 +50,7 @@ CAMERAS: dict[str, tuple[str, Callable[[], nl.Camera]]] = {
 }
 PHOTOGRAPHS = ("astronaut", "coffee", "chelsea", "rocket")
 EXPOSURES = (0.9, 0.1, 0.02)
-FACTOR, STEPS = 1.6, 4
 WORST_DB = 0.8
-MEASURED = {"psnr_db", "tv_seconds", "denoiser_seconds"}
-"""Figures that a case has when it is whole: the default's and the grids'."""
 
 
 def paper() -> nl.Camera:
@@ -80,8 +78,8 @@ class Case:
         return f"{camera}-{self.photograph}-{self.exposure:g}.json"
 
 
-def measure(case: Case, camera: nl.Camera, row: dict[str, float]) -> None:
-    """Add what the row does not have yet: the default's PSNR and seconds, the best of the grids."""
+def measure(case: Case, camera: nl.Camera, row: Row) -> None:
+    """Add what the row does not have yet."""
     angle = CAMERAS[case.camera][0]
     scene = getattr(data, case.photograph)()
     shot = nl.simulate(scene, camera, angle=angle, fill=case.exposure, field_points=3)
@@ -89,30 +87,17 @@ def measure(case: Case, camera: nl.Camera, row: dict[str, float]) -> None:
     rows, columns = overlap(shot)
     top, left = shot.support.top, shot.support.left
     there = shot.expected[:, lines_from(rows, top), lines_from(columns, left)]
-    default_is_new = "psnr_db" not in row
-    if default_is_new:
-        begun = time.perf_counter()
-        photo = nl.reconstruct(shot.frame, psf)
-        row["seconds"] = time.perf_counter() - begun
-        row["psnr_db"] = nl.psnr(photo.values[:, rows, columns], there)
-        row["tau"] = photo.tau
 
-    def psnr_db(detail: float = 1.0, tau: float | None = None) -> float:
+    def default() -> tuple[float, float]:
+        photo = nl.reconstruct(shot.frame, psf)
+        return nl.psnr(photo.values[:, rows, columns], there), photo.tau
+
+    def psnr_db(detail: float, tau: float | None) -> float:
         """With the scene's support."""
         photo = nl.reconstruct(shot, psf, detail=detail, tau=tau)
         return nl.psnr(photo.values[:, lines_from(rows, top), lines_from(columns, left)], there)
 
-    if "best_tau" not in row:
-        row["detail"], row["denoiser_db"] = best(psnr_db)
-        factor, row["tv_db"] = best(lambda factor: psnr_db(tau=factor * row["tau"]))
-        row["best_tau"] = factor * row["tau"]
-    if default_is_new or not row.keys() >= MEASURED:  # Right after it, as machines are shared.
-        begun = time.perf_counter()
-        psnr_db(tau=row["best_tau"])
-        row["tv_seconds"] = time.perf_counter() - begun
-        begun = time.perf_counter()
-        psnr_db(detail=row["detail"])
-        row["denoiser_seconds"] = time.perf_counter() - begun
+    compare(row, default, psnr_db)
 
 
 def wider(support: nl.PixelRectangle) -> nl.PixelRectangle:
@@ -144,20 +129,6 @@ def lines_from(part: slice, first: int) -> slice:
     return slice(part.start - first, part.stop - first)
 
 
-def best(psnr_db: Callable[[float], float]) -> tuple[float, float]:
-    """Of factors in steps away from 1, until it gets worse on both sides: that, and its PSNR."""
-    tried = {1.0: psnr_db(1.0)}
-    for step in (FACTOR, 1 / FACTOR):
-        last = 1.0
-        for _ in range(STEPS):
-            before, last = last, last * step
-            tried[last] = psnr_db(last)
-            if tried[last] < tried[before]:
-                break
-    factor = max(tried, key=tried.__getitem__)
-    return factor, tried[factor]
-
-
 def cases(
     cameras: Iterable[str] = CAMERAS,
     photographs: Iterable[str] = PHOTOGRAPHS,
@@ -167,23 +138,9 @@ def cases(
     yield from (Case(*each) for each in product(cameras, photographs, exposures))
 
 
-def table(rows: list[tuple[Case, dict[str, float]]]) -> str:
+def page(rows: list[tuple[Case, Row]]) -> str:
     """Markdown of the losses."""
-    losses = [row["psnr_db"] - max(row["denoiser_db"], row["tv_db"]) for _, row in rows]
-    times, own = (
-        [row["seconds"] / row[name] for _, row in rows]
-        for name in ("tv_seconds", "denoiser_seconds")
-    )
-    machine = describe()
-    whole = len(CAMERAS) * len(PHOTOGRAPHS) * len(EXPOSURES)
-    heads = [
-        "camera", "photograph", "exposure", "default", "best, denoiser", "at detail",
-        "best, total variation", "at weight", "loss", "time", "of its own",
-    ]  # fmt: skip
-    beyond = sum(loss < -WORST_DB for loss in losses)
     lines = [
-        "# The default against the best of a grid",
-        "",
         "Made by `make bench-default`: photographs of scikit-image through simulated cameras (the",
         f"middle of the paper's sensor on {PIXELS[0]}×{PIXELS[1]} pixels of {PITCH}; the PSF",
         "varies over the field, and one is given), exposed to a fraction of the full well. The",
@@ -194,42 +151,32 @@ def table(rows: list[tuple[Case, dict[str, float]]]) -> str:
         "over one run by total variation with the best weight, and over one of its own prior, the",
         "denoiser, at the best detail, both with the scene's support.",
         "",
-        f"**{len(losses)} of {whole} cases: {statistics.mean(losses):+.2f} dB in the mean, "
-        f"{min(losses):+.2f} dB at worst, {beyond} below {-WORST_DB:g} dB. Time: "
-        f"{statistics.median(times):.2f} times total variation's (median; at most "
-        f"{max(times):.2f}), {statistics.median(own):.2f} times its own prior's (at most "
-        f"{max(own):.2f}).** Times on",
-        f"{machine['cpu']}, {torch.get_num_threads()} of {machine['cores']} cores.",
-        "",
-        "| " + " | ".join(heads) + " |",
-        "|---" * len(heads) + "|",
+        *table(
+            ("camera", "photograph", "exposure"),
+            [((case.camera, case.photograph, f"{case.exposure:.0%}"), row) for case, row in rows],
+            len(CAMERAS) * len(PHOTOGRAPHS) * len(EXPOSURES),
+            WORST_DB,
+        ),
     ]
-    for (case, row), loss, ratio, of_own in zip(rows, losses, times, own, strict=True):
-        cells = [
-            case.camera, case.photograph, f"{case.exposure:.0%}", f"{row['psnr_db']:.2f}",
-            f"{row['denoiser_db']:.2f}", f"{row['detail']:.2f}", f"{row['tv_db']:.2f}",
-            f"{row['best_tau'] / row['tau']:.2f}", f"{loss:+.2f}", f"{ratio:.2f}",
-            f"{of_own:.2f}",
-        ]  # fmt: skip
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*lines, ""])
+    return "\n".join(lines)
 
 
 def main() -> None:
-    """Measure what is missing, and write the table."""
+    """Measure what is missing, and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, default=Path("build/default"))
     parser.add_argument("--out", type=Path, default=Path("docs/default.md"))
-    parser.add_argument("--cameras", nargs="+", choices=CAMERAS, default=list(CAMERAS))
+    parser.add_argument("--cameras", nargs="*", choices=CAMERAS, default=list(CAMERAS))
     parser.add_argument("--photographs", nargs="+", default=list(PHOTOGRAPHS))
     parser.add_argument("--exposures", nargs="+", type=float, default=list(EXPOSURES))
+    parser.add_argument("--data", type=Path, help="folder of the real measurements")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
     cameras: dict[str, nl.Camera] = {}
     torch.manual_seed(0)
     for case in cases(asked.cameras, asked.photographs, asked.exposures):
         path = asked.folder / case.file
-        row: dict[str, float] = json.loads(path.read_text()) if path.exists() else {}
+        row: Row = json.loads(path.read_text()) if path.exists() else {}
         if not row.keys() >= MEASURED:
             if case.camera not in cameras:
                 cameras = {case.camera: CAMERAS[case.camera][1]()}
@@ -239,7 +186,15 @@ def main() -> None:
         print(case.file, figures, flush=True)
         kept = ((each, asked.folder / each.file) for each in cases())
         rows = [(each, json.loads(file.read_text())) for each, file in kept if file.exists()]
-        asked.out.write_text(table([each for each in rows if each[1].keys() >= MEASURED]))
+        part = page([each for each in rows if each[1].keys() >= MEASURED])
+        write_part(asked.out, "bench/default.py", part)
+    if asked.data is None:
+        return
+    if not (asked.data / "diffusercam-pairs").is_dir():
+        print(f"there is no diffusercam-pairs in {asked.data}: real measurements are left out")
+        return
+    part = default_real.measure(asked.data, asked.folder)
+    write_part(asked.out, "bench/default_real.py", part)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ varies over the field, with noise and a colour mosaic. It reconstructs them with
 25 field points, with PSFs captured at nine angles that are half a degree off, with noise (`nolens
 calibrate stitch`), with one PSF and the colours apart, and by the trained prior. It times the
 operator and a photo against those of one PSF, and shows cameras a grid of dots. It writes the
-tables of `docs/model.md`; what was measured is in `--folder`.
+tables in its part of `docs/model.md`; what was measured is in `--folder`.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from nolens.jobs import CalibrateStitchOptions, calibrate_stitch
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Reconstructor
 from nolens.twin import Light, Twin
+from page import write_part
 from stitch import Quiet, captures
 
 PIXELS = (1520, 2028)
@@ -197,8 +198,6 @@ def report(
     """Markdown of all."""
     machine = describe()
     lines = [
-        "# A PSF that varies over the field",
-        "",
         f"Made by `make bench-model` on {machine['cpu']}, {machine['cores']} cores. Photographs of",
         f"scikit-image by simulated cameras (the middle {PIXELS[0]}×{PIXELS[1]} pixels of the",
         "paper's sensor, 7×7 PSFs, noise, mosaic, exposed to 90 % of the full well; PSFs without",
@@ -250,7 +249,7 @@ def report(
         for each in map(grid.__getitem__, DOT_WAYS)
     ]
     lines.append(f"| {DOT_CAMERA} | " + " | ".join(cells) + " |")
-    return "\n".join([*lines, ""])
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -277,7 +276,8 @@ def main() -> None:
     if not path.exists():
         path.write_text(json.dumps(cost()))
     grid = dots(asked.folder / "dots.json")
-    asked.out.write_text(report(rows, json.loads(path.read_text()), grid))
+    part = report(rows, json.loads(path.read_text()), grid)
+    write_part(asked.out, "bench/model.py", part)
 
 
 if __name__ == "__main__":

@@ -6,14 +6,15 @@ from statistics import median
 
 from measure import counted
 from plan import NOLENS, PAPER, SCICO
-from report_parts import parts_sections
+from report_parts import cuda_part, parts_sections
 from report_race import race_section
 from report_text import Json, busy, label, met, on_what, table
 
 TARGET = 6.0
 
 
-def render(run: Json) -> str:
+def render(run: Json) -> dict[str, str]:
+    """Parts of the page by their marks. That of a CUDA device stays where a run has none."""
     parts = [
         intro(run),
         "## Seconds per ADMM iteration",
@@ -29,14 +30,13 @@ def render(run: Json) -> str:
         *parts_sections(run),
         *skipped(run["skipped"]),
     ]
-    return "\n\n".join(parts) + "\n"
+    cuda = cuda_part(run)
+    return {"bench/run.py": "\n\n".join(parts)} | ({"bench/on_cuda.py": cuda} if cuda else {})
 
 
 def intro(run: Json) -> str:
     lines = [
-        "# Benchmarks",
-        "",
-        "Written by `make bench`; do not edit. nolens against the ADMM of the closest peer, "
+        "Written by `make bench`. nolens against the ADMM of the closest peer, "
         "`lensless` 1.0.8 (LenslessPiCam, two backends), and that of `scico` 0.0.7, both from "
         "PyPI, on one machine in one go; then nolens alone. The raw numbers are in "
         "`benchmarks.json`. Races at full size are in [benchmarks-race.md](benchmarks-race.md).",

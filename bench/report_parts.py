@@ -15,25 +15,36 @@ PHOTO_SECONDS, PHOTO_GB, DRAFT_SECONDS = 15.0, 2.5, 1.5
 
 
 def parts_sections(run: Json) -> list[str]:
-    """All of them, in the order of the report."""
+    """All of them but that of a CUDA device, in the order of the report."""
     sections = ["## nolens alone: cost against size", sizes_section(run["sizes"])]
     written: dict[str, tuple[str, Callable[[Json], str]]] = {
         "passes": ("What an iteration spends its time on", passes_section),
         "dense": ("A photograph that fills the view", dense_section),
         "presets": ("The installed command", presets_section),
-        "cuda": ("CUDA", cuda_section),
     }
     for name, (title, section) in written.items():
-        part = run["parts"][name]
-        text = f"Not measured: {part['failed']}" if "failed" in part else section(part["found"])
-        again = run.get("again", {}).get(name)
-        if again is not None:
-            text = (
-                f"Measured after the rest, on {again['date']}; load average at its start "
-                f"{again['load'][0]:.2f}, others kept {again['others']:.2f} cores busy.\n\n{text}"
-            )
-        sections += [f"## {title}", text]
+        sections += [f"## {title}", part_text(run, name, section)]
     return sections
+
+
+def cuda_part(run: Json) -> str | None:
+    """The section of a CUDA device; None where the run had none."""
+    part = run["parts"]["cuda"]
+    measured = "failed" in part or part["found"] is not None
+    return f"## CUDA\n\n{part_text(run, 'cuda', cuda_section)}" if measured else None
+
+
+def part_text(run: Json, name: str, section: Callable[[Json], str]) -> str:
+    """Of a part, or why there is nothing."""
+    part = run["parts"][name]
+    text = f"Not measured: {part['failed']}" if "failed" in part else section(part["found"])
+    again = run.get("again", {}).get(name)
+    if again is None:
+        return text
+    return (
+        f"Measured after the rest, on {again['date']}; load average at its start "
+        f"{again['load'][0]:.2f}, others kept {again['others']:.2f} cores busy.\n\n{text}"
+    )
 
 
 def sizes_section(sizes: list[Json]) -> str:
@@ -152,12 +163,7 @@ def presets_section(found: Json) -> str:
     )
 
 
-def cuda_section(found: Json | None) -> str:
-    if found is None:
-        return (
-            "Not measured: this machine has no CUDA device. `make bench` on a machine with one "
-            "measures it."
-        )
+def cuda_section(found: Json) -> str:
     height, width, channels = found["size"]
     each = found["seconds"] / found["iterations"]
     floor = found["bytes_per_iteration"] / found["bytes_per_s"]

@@ -16,10 +16,12 @@ from pathlib import Path
 
 import machine
 from measure import Bench
+from page import write_part
 from peer_env import LENSLESS_PEER, SCICO_PEER
 from plan import NOLENS, NUMPY, SCICO, TORCH, plan_cases, plan_parts, plan_races, plan_sizes
 from protocol import WorkerError
 from report import render
+from report_text import Json
 
 ROOT = Path(__file__).resolve().parent.parent
 ENVIRONMENTS = ROOT / ".bench-venv"
@@ -67,8 +69,7 @@ def main() -> None:
         **found,
         "skipped": skipped,
     }
-    texts = {"benchmarks.md": render(run), "benchmarks.json": json.dumps(run, indent=1) + "\n"}
-    write(options.out, texts)
+    write(options.out, run)
 
 
 def measure_again(options: argparse.Namespace) -> None:
@@ -85,8 +86,7 @@ def measure_again(options: argparse.Namespace) -> None:
     about = {"date": time.strftime("%Y-%m-%d"), "load": here["load"], "others": others.cores()}
     run["parts"].update(found["parts"])
     run["again"] = {**run.get("again", {}), **dict.fromkeys(found["parts"], about)}
-    texts = {"benchmarks.md": render(run), "benchmarks.json": json.dumps(run, indent=1) + "\n"}
-    write(options.out, texts)
+    write(options.out, run)
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -113,14 +113,16 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     return options
 
 
-def write(folder: Path, texts: dict[str, str]) -> None:
-    """Files of a run, each whole or not at all."""
+def write(folder: Path, run: Json) -> None:
+    """Files of a run, each whole or not at all; what people wrote on the page stays."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        part = folder / f".{name}.part"
-        part.write_text(text, encoding="utf-8")
-        part.replace(folder / name)
-        print(folder / name)
+    numbers, page = folder / "benchmarks.json", folder / "benchmarks.md"
+    part = folder / f".{numbers.name}.part"
+    part.write_text(json.dumps(run, indent=1) + "\n", encoding="utf-8")
+    part.replace(numbers)
+    for writer, text in render(run).items():
+        write_part(page, writer, text)
+    print(numbers, page, sep="\n")
 
 
 if __name__ == "__main__":
