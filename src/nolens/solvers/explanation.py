@@ -287,9 +287,10 @@ class _Trials:
         if badly and has_finer_detail(self._data, self._psf):
             return None  # It was said with the PSF.
         remedy = (
-            # Beyond what the camera accepts, light would explain a model's errors.
-            (support_by != "camera" and self._larger_support(now))
+            (support_by == "person" and self._larger_support(now))
             or (self._single and (self._exchange(now) or self._size(now) or self._sharper(now)))
+            # Beyond what the camera accepts, light would explain a model's errors.
+            or (support_by == "measurement" and self._larger_support(now))
             or (self._unknown(support_by) if badly else None)
         )
         if not remedy:
