@@ -21,11 +21,11 @@ from PIL import Image
 from nolens.evaluate import bootstrap_mean
 from nolens.files.weights import denoiser
 from nolens.solvers.denoising_network import denoise
+from page import write_part
 from priors_photographs import PHOTOGRAPHS, Photograph
 
 LONGER_SIDE = 512
 SIGMA = 25 / 255
-MARKS = "<!-- bench/denoising.py: begin -->", "<!-- bench/denoising.py: end -->"
 
 Grey = NDArray[np.float32]
 
@@ -45,9 +45,7 @@ def main() -> None:
         row = psnr_db(by_network(noisy), clean), psnr_db(bm3d.bm3d(noisy, SIGMA), clean)
         rows[photograph.name] = row
         print(photograph.name, *(f"{each:.2f} dB" for each in row), flush=True)
-    before, _, rest = asked.page.read_text().partition(MARKS[0])
-    _, _, after = rest.partition(MARKS[1])
-    asked.page.write_text(before + MARKS[0] + "\n\n" + table(rows) + "\n\n" + MARKS[1] + after)
+    write_part(asked.page, "bench/denoising.py", table(rows))
 
 
 def shown(photograph: Photograph, folder: Path) -> Grey:

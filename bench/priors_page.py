@@ -13,6 +13,7 @@ import torch
 from machine import describe
 from nolens.evaluate import Interval, bootstrap_mean
 from nolens.files.contact_sheet import SheetPicture, write_contact_sheet
+from page import write_part
 from priors_cases import (
     ANGLE,
     EXPOSURES,
@@ -32,7 +33,6 @@ from priors_cases import (
 from priors_charts import ChartRow, chart_sheets, chart_tables
 from priors_photographs import INSTALLED, PHOTOGRAPHS
 
-MARKS = "<!-- bench/priors.py: begin -->", "<!-- bench/priors.py: end -->"
 RETUNED = "TV, retuned"
 UNITS = {
     "psnr_db": ("PSNR", 2), "ssim": ("SSIM", 3), "shown_psnr_db": ("PSNR as shown", 2),
@@ -115,9 +115,6 @@ class Page:
 
     def write(self, page: Path, pictures: Path) -> None:
         """Write the page's part between the marks, and the pictures."""
-        text = page.read_text() if page.exists() else f"# Priors\n\n{MARKS[0]}\n{MARKS[1]}\n"
-        before, rest = text.split(MARKS[0])
-        after = rest.split(MARKS[1])[1]
         lines = self._head() if self.measured else ["No case is measured yet.", ""]
         if self.measured:
             lines += self._means() + self._differences() + self._by_mask() + self._photographs()
@@ -127,9 +124,8 @@ class Page:
         if self.charts:
             lines += chart_tables(self.charts)
             lines += chart_sheets(self.folder, self.charts, pictures)
-        part = "\n".join(lines).rstrip()
         page.parent.mkdir(parents=True, exist_ok=True)
-        page.write_text(f"{before}{MARKS[0]}\n\n{part}\n\n{MARKS[1]}{after}")
+        write_part(page, "bench/priors.py", "\n".join(lines))
 
     @property
     def _figures(self) -> list[str]:

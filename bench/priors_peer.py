@@ -27,6 +27,7 @@ from nolens.api.simulate import Psf, SimulatedMeasurement
 from nolens.files.contact_sheet import SheetPicture, write_contact_sheet
 from nolens.kernels import irfft2
 from nolens.solvers import Reconstructor
+from page import write_part
 from peer_env import SCICO_PEER
 from priors_cases import (
     ANGLE,
@@ -42,7 +43,6 @@ from priors_cases import (
 from priors_photographs import fetch
 
 HERE = Path(__file__).parent
-MARKS = "<!-- bench/priors_peer.py: begin -->", "<!-- bench/priors_peer.py: end -->"
 OWN, PEER = ("colour-tv", "denoiser"), "scico"
 CASES = 9
 _WHITE = 0.995
@@ -163,9 +163,7 @@ def main() -> None:
         measured[case] = measure(asked.folder, asked.photographs, case)
         texts = [f"{name} {row['psnr_db']:.2f} dB" for name, row in measured[case].items()]
         print(case.name, ", ".join(texts), flush=True)
-        before, rest = asked.page.read_text().split(MARKS[0])
-        after = rest.split(MARKS[1])[1]
-        asked.page.write_text(f"{before}{MARKS[0]}\n\n{section(measured)}\n\n{MARKS[1]}{after}")
+        write_part(asked.page, "bench/priors_peer.py", section(measured))
 
 
 if __name__ == "__main__":

@@ -31,10 +31,10 @@ from nolens.jobs import PsfOptions, ReconstructOptions, Reporter, reconstruct, s
 from nolens.operators import PixelRectangle
 from nolens.quantities import Length
 from nolens.twin import FieldMap, Plane, PlaneView, Twin, render_planes
+from page import write_part
 
 APART, OBJECTS_DEG, OBJECTS_BIN = 5, 40, 4
 MASKS = {"diffuser": {}, "random-lenslets": {"pitch": "150um"}}
-MARKS = "<!-- bench/volume.py: begin -->", "<!-- end -->"
 GFP = "wavelength_nm,power\n470,0\n490,0.3\n509,1\n530,0.5\n560,0.12\n600,0\n"
 
 
@@ -410,9 +410,7 @@ def main() -> None:
     ):
         two |= {f"{way}, {name}": row for way, row in objects(asked.folder, mask).items()}
     picture(asked.folder / "beads-l1", Path("docs/results/volume-beads.png"))
-    before, rest = asked.page.read_text().split(MARKS[0])
-    after = rest.split(MARKS[1])[1]
-    asked.page.write_text(f"{before}{MARKS[0]}\n\n{report(rows, two)}\n\n{MARKS[1]}{after}")
+    write_part(asked.page, "bench/volume.py", report(rows, two))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from nolens.camera.field_psf import spread
 from nolens.errors import OptionError
 from nolens.files.psf_folder import PsfFolder
 from nolens.files.weights import trained_prior
-from nolens.jobs.reconstruction.setup import acceptance_of, camera_of
+from nolens.jobs.reconstruction.acceptance import acceptance_of, camera_of
 from nolens.jobs.run import mapped_where_needed
 from nolens.operators import PixelRectangle
 from nolens.progress import Clock

@@ -47,7 +47,7 @@ from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, St
 from nolens.solvers.ridge import RidgePrior
 from nolens.solvers.scene_edges import NO_EDGES
 from nolens.solvers.scene_prior import ScenePrior, WeakerPrior, scene_prior, solve_with
-from nolens.solvers.scene_support import SupportChoice, choose_support, fit_within
+from nolens.solvers.scene_support import SupportChoice, choose_support, first_fit
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.trained_stream import TURNS, TrainedStream
 from nolens.solvers.wiener import wiener, wiener_bytes
@@ -405,8 +405,8 @@ class Reconstructor:
             As `Problem.build`.
         """
         by = _support_by(measured, valid)
-        within = fit_within(*self._on_larger(measured, valid, by), acceptance.coarser(by))
-        own = None if within is None or self.method is Method.WIENER else acceptance
+        _, _, larger = first_fit(*self._on_larger(measured, valid, by), acceptance.coarser(by))
+        own = None if larger is None or self.method is Method.WIENER else acceptance
         return SupportChoice(own, acceptance=own)
 
     def _on_larger(

@@ -196,32 +196,36 @@ def choose_support(
     )
 
 
-def fit_within(
-    psf: Tensor, data: Tensor, valid: Tensor, acceptance: PixelRectangle
-) -> tuple[Problem, PartialFit] | None:
-    """The problem within a camera's acceptance, and a first fit of it.
+def first_fit(
+    psf: Tensor, data: Tensor, valid: Tensor, acceptance: PixelRectangle | None
+) -> tuple[Problem, PartialFit | None, PixelRectangle | None]:
+    """The problem within a camera's acceptance, a first fit of it, and the acceptance.
 
-    None where the measurement asks for light beyond, where much more of it stays unexplained than
-    without a limit, or where too few pixels can be left out to tell.
+    The problem without a limit, and None, where the measurement asks for light beyond, where much
+    more of it stays unexplained than without a limit, or where too few pixels can be left out to
+    tell.
 
     Parameters
     ----------
     psf, data, valid, acceptance
         As `choose_support` takes them.
     """
-    problem = Problem.build(psf, data, valid=valid, support=acceptance)
-    fitted = fit_partially(problem, _ITERATIONS)
     full = Problem.build(psf, data, valid=valid)
     free = fit_partially(full, _ITERATIONS)
-    if fitted is None or free is None:
-        return None
+    if acceptance is None or free is None:
+        return full, free, None
+    problem = Problem.build(psf, data, valid=valid, support=acceptance)
+    fitted = fit_partially(problem, _ITERATIONS)
+    assert fitted is not None  # As without a limit.
     own, noise = fitted.prediction, free.prediction.unexplained_by_noise
     excess, error = own.excess(free.prediction)
     least = max(0.0, free.prediction.unexplained - noise)
     if excess > _SURELY_TIGHTER * error and own.unexplained - noise > _UNEXPLAINED * least:
-        return None
+        return full, free, None
     beyond = Light(full, psf).signal(problem, fitted, acceptance)
-    return None if float(beyond.max()) >= CLEAR_AFAR else (problem, fitted)
+    if float(beyond.max()) >= CLEAR_AFAR:
+        return full, free, None
+    return problem, fitted, acceptance
 
 
 class _Search:
@@ -239,13 +243,7 @@ class _Search:
         self._psf, self._data, self._valid, self._progress = psf, data, valid, progress
         self._photograph = photograph
         self._iterations = _ITERATIONS
-        within = None if acceptance is None else fit_within(psf, data, valid, acceptance)
-        self._free: PartialFit | None
-        if within is not None:
-            self.acceptance, (self._full, self._free) = acceptance, within
-        else:
-            self.acceptance, self._full = None, Problem.build(psf, data, valid=valid)
-            self._free = fit_partially(self._full, _ITERATIONS)
+        self._full, self._free, self.acceptance = first_fit(psf, data, valid, acceptance)
         self._light = Light(self._full, psf)
         self._tried: dict[tuple[PixelRectangle, int], tuple[Tensor, PartialFit]] = {}
         self._seen = set[PixelRectangle]()

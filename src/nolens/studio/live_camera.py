@@ -344,7 +344,7 @@ def _acceptance(
 ) -> PixelRectangle | None:
     """What the camera of a folder accepts, where that is its PSF's and has such frames."""
     # Most live views know no camera.
-    from nolens.jobs.reconstruction.setup import acceptance_of, camera_of
+    from nolens.jobs.reconstruction.acceptance import acceptance_of, camera_of
 
     loaded = camera_of(None, folder, by, sensor)
     return None if loaded is None else acceptance_of(loaded, by, sensor, psf, None)
