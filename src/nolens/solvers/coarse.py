@@ -20,6 +20,8 @@ On those between it is 1, and on the measurement's own one check is all (decisio
 
 _TAKEN_UP = 5.0
 """The model's error over what a photograph leaves of it, squared."""
+_FITTED = 1.05
+"""The noise over what a photograph leaves of it, at most."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +81,8 @@ class Coarse:
         place = (pixel + 0.5) / self.by - 0.5 - beside - here.origin[axis]
         return (2 * place + 1) / here.scene[2 + axis] - 1
 
-    def model_error(self, scene: Tensor, problem: Problem) -> Tensor:
-        """`model_error` of a scene of this problem, in the original one's normalised units.
+    def errors(self, scene: Tensor, problem: Problem) -> "Errors":
+        """`Errors.of` a scene of this problem, for the original one and in its normalised units.
 
         Parameters
         ----------
@@ -88,32 +90,56 @@ class Coarse:
             As `finer` takes them.
         """
         here, there = (each.scale * each.psf_norm for each in (self.problem, problem))
-        return model_error(self.problem, scene) * (here / there).flatten()
+        unit = (here / there).flatten()
+        errors = Errors.of(self.problem, scene)
+        # White noise is less by the number of pixels along each side in means over them.
+        noise = torch.minimum(self.by * unit * errors.noise, channel_noise(problem))
+        return Errors(noise, unit * errors.model)
 
 
-def model_error(problem: Problem, scene: Tensor) -> Tensor:
-    r"""How far the forward model is from the light on each channel's pixels, from a photograph.
-
-    .. math:: e^2 = 5 \left(\overline{r^2} − σ^2\right)_+
-
-    with the residual r on valid pixels and the noise σ. The photograph has taken up the larger part
-    of the model's error, as detail that is not there (decision 24).
+@dataclass(frozen=True)
+class Errors:
+    """What a measurement is off by from the light that its forward model says.
 
     Parameters
     ----------
-    problem
-        That was solved.
-    scene
-        (channels, height, width), in units of measurement over PSF.
-
-    Returns
-    -------
-    Tensor
-        Root mean squares, (channels,), normalised.
+    noise
+        Standard deviation in each channel, (channels,), normalised.
+    model
+        Root mean square of the model's error, the same.
     """
-    left = problem.residual(scene / problem.scale).square().sum(dim=(-2, -1))
-    left /= problem.valid.sum(dim=(-2, -1)).clamp_min(1)
-    return (_TAKEN_UP * (left - channel_noise(problem).square()).clamp_min(0)).sqrt()
+
+    noise: Tensor
+    model: Tensor
+
+    @classmethod
+    def of(cls, problem: Problem, scene: Tensor) -> "Errors":
+        r"""From the residual r of a photograph, on valid pixels.
+
+        .. math:: σ^2 = \min\left(s^2, 1.05^2\,\overline{r^2}\right), \qquad
+            e^2 = 5 \left(\overline{r^2} − s^2\right)_+
+
+        with s of `channel_noise`, which takes detail of a sharp PSF for noise. The photograph has
+        taken up a little of the noise, and the larger part of the model's error, as detail that is
+        not there (decision 24).
+
+        Parameters
+        ----------
+        problem
+            That was solved.
+        scene
+            (channels, height, width), in units of measurement over PSF.
+        """
+        left = problem.residual(scene / problem.scale).square().sum(dim=(-2, -1))
+        left /= problem.valid.sum(dim=(-2, -1)).clamp_min(1)
+        noise = channel_noise(problem)
+        model = (_TAKEN_UP * (left - noise.square()).clamp_min(0)).sqrt()
+        return cls(torch.minimum(noise, _FITTED * left.sqrt()), model)
+
+    @property
+    def whole(self) -> Tensor:
+        """Of both together."""
+        return torch.hypot(self.noise, self.model)
 
 
 def stop_on_larger(photo: Stop, *, everywhere: bool, largest: bool) -> Stop:

@@ -11,11 +11,10 @@ from torch import Tensor
 
 from nolens.operators import Geometry
 from nolens.solvers.admm_state import Penalties
-from nolens.solvers.coarse import Coarse, model_error
+from nolens.solvers.coarse import Coarse, Errors
 from nolens.solvers.denoising_network import BANDS, DenoisingNetwork, denoise
 from nolens.solvers.held_out import (
     are_likely_less,
-    channel_noise,
     held_out_blocks,
     pixels_of,
     prediction_errors,
@@ -52,6 +51,9 @@ _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
 """Fraction of the photograph's values below its white."""
+_OF_NOISE, _NARROWEST, _FALL = 0.5, 0.1, 0.8
+"""Where the noise in a fit is small, spreads go on falling by the last factor, to the first times
+that noise, or the second times the last of the prior's own (decision 24)."""
 _BYTES_PER_PIXEL = 120
 """Held in the fit, per pixel of the padded shape."""
 
@@ -84,8 +86,8 @@ class Fit:
     .. math:: x = \arg\min_v \tfrac12 ‖(b − Av)/σ‖^2 + \tfrac{1}{2 s^2} ‖v − z‖^2
 
     A few steps of conjugate gradients go on from the fit before (`LinearStep`). σ² is that of a
-    channel's noise, and of the model's error (`model_error`), which counts as noise. The noise of
-    the measurement in x is that of the circulant mean.
+    channel's noise, and of the model's error, which counts as noise (`Errors`). The noise of the
+    measurement in x is that of the circulant mean.
 
     Parameters
     ----------
@@ -93,19 +95,20 @@ class Fit:
         In normalised units; its prior and weight do not matter.
     photograph
         To start from, in units of measurement over PSF.
-    error
-        The model's, of each channel, (channels,), normalised; None tells it from the photograph.
+    errors
+        Of the measurement; None tells them from the photograph.
     """
 
     def __init__(
         self,
         problem: Problem,
         photograph: Tensor,
-        error: Tensor | None = None,
+        errors: Errors | None = None,
     ) -> None:
-        scene, noise = photograph / problem.scale, channel_noise(problem)
-        error = model_error(problem, photograph) if error is None else error
-        self.noise, self.errs = torch.hypot(noise, error), bool((error > _ERROR * noise).any())
+        scene = photograph / problem.scale
+        errors = Errors.of(problem, photograph) if errors is None else errors
+        self.noise = errors.whole
+        self.errs = bool((errors.model > _ERROR * errors.noise).any())
         self.scale = problem.scale.flatten()
         values = photograph.flatten()
         white = float(torch.quantile(values[:: 1 + values.numel() // 10**6], _WHITE))
@@ -171,6 +174,52 @@ class Fit:
             return 1.0
         return _FIRST if self.errs else min((finest / _HALF) ** _RISE, _FIRST)
 
+    def learn_noise(self, problem: Problem, scene: Tensor) -> None:
+        """Take what a picture leaves for the noise of channels where that is less (`Errors`).
+
+        Parameters
+        ----------
+        problem
+            That the fit is of.
+        scene
+            The picture, in units of measurement over PSF.
+        """
+        errors = Errors.of(problem, scene)
+        self.noise = torch.where(errors.model > 0, self.noise, self.noise.minimum(errors.noise))
+
+    def own_noise(self, widest: float, last: float) -> float:
+        """The noise in a fit near any picture, of the channel with most, over all bands.
+
+        A picture that the network has smoothed by much more is worse than the fit. Infinite where
+        the measurement does not carry the finest detail, and the fit has the picture's.
+
+        Parameters
+        ----------
+        widest, last
+            Spreads of the first and the last turn.
+        """
+        if self.finest(last) < _FINEST:
+            return math.inf
+        return float(self.noise_near(widest).square().mean(dim=1).sqrt().max())
+
+    def noise_near(self, spread: float) -> Tensor:
+        """The noise in a fit of each channel and band, (channels, `BANDS`), in units of the white.
+
+        Parameters
+        ----------
+        spread
+            How far the picture that it is near may be from the scene.
+        """
+        unit = self.white / self.scale
+        return torch.stack(
+            [
+                noise / white * step.noise_gain(self.penalties(number, spread), BANDS)
+                for number, (step, noise, white) in enumerate(
+                    zip(self.steps, self.noise, unit, strict=True)
+                )
+            ]
+        )
+
     def near(self, picture: Tensor, spread: float) -> tuple[Tensor, Tensor]:
         """X, and the noise in it of each channel and band, (channels, `BANDS`).
 
@@ -181,13 +230,12 @@ class Fit:
         spread
             s: how far z may be from the scene.
         """
-        fitted, noise = [], []
+        fitted = []
         for number, step in enumerate(self.steps):
             unit, penalties = self.white / self.scale[number], self.penalties(number, spread)
             step.solve(penalties[2] * unit * picture[number : number + 1], penalties)
             fitted.append(step.v / unit)
-            noise.append(self.noise[number] / unit * step.noise_gain(penalties, BANDS))
-        return torch.cat(fitted), torch.stack(noise)
+        return torch.cat(fitted), self.noise_near(spread)
 
 
 @dataclass(frozen=True)
@@ -272,7 +320,7 @@ class Refinement:
         """The picture without what is not of the scene, in units of the white."""
         if turn.finest > self.finest:
             return turn.picture
-        network = _on(turn.picture.device, self.network)
+        network = on_device(turn.picture.device, self.network)
         both = [denoise(network, turn.pictures, turn.noise, turn.spread, each) for each in (0, 2)]
         mended = torch.stack(both).mean(dim=0).clamp_min(0)
         return torch.lerp(turn.picture, mended, self.share)
@@ -294,14 +342,16 @@ class PlugAndPlay:
     that surely predicts them better; its turns go on with all pixels.
 
     Turns start from a photograph by total variation, whose white is the unit of all. There is no
-    objective, so their number is fixed. A `Refinement` may come after them.
+    objective, so their number follows from the spreads: where the measurement carries the finest
+    detail and has little noise (`Fit.own_noise`), these go on falling to that noise. A `Refinement`
+    may come after them.
 
     Parameters
     ----------
     network
         D.
     spreads
-        s of each turn, in units of the white.
+        s of each turn, in units of the white; more may follow.
     facts
         What a record says of it: the prior, and the hash of its weights.
     detail
@@ -347,7 +397,7 @@ class PlugAndPlay:
             multiplier, first = torch.zeros_like(picture), 0
         else:
             picture, multiplier, first = after.picture, after.multiplier, after.number + 1
-        network = _on(problem.data.device, self.network)
+        network = on_device(problem.data.device, self.network)
         for number, spread in enumerate(self.spreads[first:], first):
             # The multiplier d / s² stays where the spread changes.
             multiplier = multiplier * (spread / self.spreads[max(number - 1, 0)]) ** 2
@@ -418,13 +468,14 @@ class PlugAndPlay:
             return turn
 
         def checks() -> Iterator[Progress]:
-            photograph, error = first.scene, None
+            nonlocal prior
+            photograph, errors = first.scene, None
             if coarse is not None:
                 turns = prior.turns(coarse.problem, photograph, _STRENGTH / weaker)
                 yield from run(coarse.problem, photograph, turns)
-                error = coarse.model_error(photograph, problem)
+                errors = coarse.errors(photograph, problem)
                 photograph = latest() * problem.scale
-            fit, trial = Fit(problem, photograph, error), None
+            fit, trial = Fit(problem, photograph, errors), None
             strength = fit.first_strength(self.spreads[-1])
             if strength < 1:
                 trial = yield from trials(photograph, fit, strength)
@@ -434,6 +485,15 @@ class PlugAndPlay:
             turns = prior.turns(problem, photograph, strength / weaker, fit, trial)
             start = photograph if trial is None else trial.scene
             last = yield from run(problem, start, turns)
+            lowest = _NARROWEST * prior.spreads[-1]
+            while last is not None and prior.spreads[-1] > lowest:
+                fit.learn_noise(problem, last.scene)
+                noise = fit.own_noise(self.spreads[0], self.spreads[-1])
+                if prior.spreads[-1] <= _OF_NOISE * noise:
+                    break
+                prior = replace(prior, spreads=(*prior.spreads, _FALL * prior.spreads[-1]))
+                turns = prior.turns(problem, photograph, strength / weaker, fit, last)
+                last = yield from run(problem, last.scene, turns)
             if self.refinement is not None and last is not None:
                 refined = replace(last, picture=self.refinement(last))
                 yield from run(problem, last.scene, [refined])
@@ -482,7 +542,7 @@ def _relative(change: Tensor, whole: Tensor) -> float:
     return float(change.norm() / whole.norm().clamp_min(1e-30))
 
 
-def _on(device: torch.device, network: DenoisingNetwork) -> DenoisingNetwork:
+def on_device(device: torch.device, network: DenoisingNetwork) -> DenoisingNetwork:
     """A network on a device; others may use it where it is."""
     if all(each.device == device for each in network.parameters()):
         return network

@@ -1,17 +1,18 @@
 """A sequence of measurements by a trained prior, each from where the one before it ended."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from nolens.errors import DivergenceError
 from nolens.solvers.inputs import Plane
-from nolens.solvers.plug_and_play import Fit, PlugAndPlay, Turn
+from nolens.solvers.plug_and_play import Fit, PlugAndPlay, Turn, on_device
 from nolens.solvers.problem import Problem
-from nolens.solvers.result import Result
 from nolens.solvers.stream import Deadline, Frame, check_frame_limits, is_cut
 
 TURNS = 4
@@ -20,6 +21,20 @@ _WIDEST, _NARROWEST = 0.3, 0.15
 """Spreads of the first and the last of them (decision 24)."""
 _ALONE = 0.25
 """That of a frame with one turn."""
+_OWN_NOISE = 0.12
+"""Noise in the fit (`Fit.own_noise`) below which they are less, by its ratio."""
+
+
+class Photo(Protocol):
+    """What a stream takes of a photo; a `Result` or a `Frame`."""
+
+    @property
+    def scene(self) -> Tensor:
+        """(channels, height, width), in units of measurement over PSF."""
+
+    @property
+    def iterations(self) -> int:
+        """That it took."""
 
 
 class TrainedStream:
@@ -54,14 +69,16 @@ class TrainedStream:
         self,
         problem: Problem,
         prior: PlugAndPlay,
-        photo: Callable[..., Result],
+        photo: Callable[..., Photo],
         *,
         iterations: int = TURNS,
         latency_s: float | None = None,
     ) -> None:
         check_frame_limits(iterations, latency_s)
         self._problem, self._prior, self._photo = problem, prior, photo
-        self._following = replace(prior, spreads=_spreads(iterations))
+        network = on_device(problem.data.device, prior.network)
+        self._spreads = _spreads(iterations)
+        self._following = replace(prior, network=network, spreads=self._spreads)
         self._latency_s = latency_s
         self._fit: Fit | None = None
         self._strength = 1.0
@@ -75,6 +92,24 @@ class TrainedStream:
     def weight(self) -> float:
         """Of total variation in the photograph that the first turns start from."""
         return self._problem.weight
+
+    @torch.no_grad()
+    def start(self, data: Plane, valid: Plane | None, scene: Tensor) -> None:
+        """Go on from a picture, as if it were the stream's own of the frame before.
+
+        Parameters
+        ----------
+        data, valid
+            Of its measurement, as `Problem.build` takes them.
+        scene
+            The picture, (channels, height, width), in units of measurement over PSF.
+
+        Raises
+        ------
+        DataError
+            As by `solve`.
+        """
+        self._start(self._problem.measuring(data, valid), scene)
 
     @torch.no_grad()
     def solve(self, data: Plane, valid: Plane | None = None) -> Frame:
@@ -110,12 +145,20 @@ class TrainedStream:
     def _anew(self, problem: Problem, deadline: Deadline) -> tuple[Tensor, int]:
         """The scene of a frame that is solved as a photo is, and its iterations and turns."""
         self._fit = None
-        result = self._photo(problem, callback=deadline)
-        fit = self._fit = Fit(problem, result.scene)
+        photo = self._photo(problem, callback=deadline)
+        self._start(problem, photo.scene)
+        return photo.scene, photo.iterations
+
+    def _start(self, problem: Problem, scene: Tensor) -> None:
+        """Have the next frame go on from a picture of a measurement."""
+        fit = self._fit = Fit(problem, scene)
         strength = fit.first_strength(self._prior.spreads[-1])
-        self._strength = strength / self._prior.detail
-        self._picture, self._last = result.scene, None
-        return result.scene, result.iterations
+        self._strength = strength / math.sqrt(self._prior.detail)
+        own = fit.own_noise(self._spreads[0], self._spreads[-1])
+        narrower = min(own / _OWN_NOISE, 1.0)
+        spreads = tuple(narrower * each for each in self._spreads)
+        self._following = replace(self._following, spreads=spreads)
+        self._picture, self._last = scene, None
 
     def _next(self, fit: Fit, problem: Problem, deadline: Deadline) -> tuple[Tensor, int]:
         """The scene of a frame that goes on from the one before, and its turns."""
