@@ -3,6 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
 import torch
 
 from nolens.camera import FieldPsf, Frame, LoadedCamera, Measurement, preset
@@ -49,17 +50,30 @@ def _quality(picture: torch.Tensor, scene: torch.Tensor) -> float:
     return psnr(scale_fit(picture, scene), scene, float(scene.max()))
 
 
-def test_recovers_from_a_cut_within_three_frames() -> None:
+@pytest.mark.parametrize(("frame_s", "prior"), [(100.0, "denoiser"), (1e-6, "tv")])
+def test_recovers_from_a_cut_within_three_frames(monkeypatch, frame_s: float, prior: str) -> None:
     """The third picture of another scene is as good, to 1 dB, as a cold run of that frame with the
-    iterations of all three; and it is of that scene.
+    iterations of all three; and it is of that scene. Before, the picture was by the trained prior
+    where its frames take less than the time that they have.
     """
+    monkeypatch.setattr("nolens.studio.live_stream._TRAINED_S", frame_s)
     psf, blur = _camera()
     solver, settings = LiveSolver(psf, _SUPPORT), Settings()
-    for number in range(8):
-        solver.solve(_frame(blur, _scene(1), number), settings, 1.0)
-    for number in range(3):
-        frame = _frame(blur, _scene(2), 100 + number)
+    plain = LiveSolver(psf, _SUPPORT)
+    for number in range(10):
+        frame = _frame(blur, _scene(1), number)
         live = solver.solve(frame, settings, 1.0)
+        without = plain.solve(frame, Settings(trained=False), 1.0)
+        for each in (solver, plain):
+            each.await_choices()
+        assert live.prior["prior"] == (prior if number > 7 else "tv")
+    assert without.prior == {"prior": "tv"}
+    assert torch.equal(live.radiance, without.radiance) == (prior == "tv")
+    assert _quality(live.radiance, _scene(1)) > 40
+    for number in range(3):
+        frame = _frame(blur, 3 * _scene(2), 100 + number)
+        live = solver.solve(frame, settings, 1.0)
+        assert live.prior == {"prior": "tv"}
     assert live.iterations == settings.iterations
     cold = Reconstructor(psf, _SUPPORT).for_iterations(3 * settings.iterations).solve(frame)
     recovered = _quality(live.radiance, _scene(2))
@@ -69,7 +83,7 @@ def test_recovers_from_a_cut_within_three_frames() -> None:
 
 def test_psfs_over_the_field(monkeypatch) -> None:
     """All are better than their mean or one, and are the stream's of the same."""
-    monkeypatch.setattr("nolens.studio.live_solver._LATENCY_S", None)
+    monkeypatch.setattr("nolens.studio.live_stream._LATENCY_S", None)
     generator = torch.Generator().manual_seed(3)
     shared, own = (torch.rand(5, 1, 120, 150, generator=generator) > 0.98).float(), 0.6
     psfs = shared[:1].lerp(shared, own)
@@ -118,7 +132,7 @@ def test_light_comes_from_what_the_camera_accepts(monkeypatch) -> None:
     """Pictures are then those with that support, dark around it; where light comes from beyond,
     they stay those without any.
     """
-    monkeypatch.setattr("nolens.studio.live_solver._LATENCY_S", None)
+    monkeypatch.setattr("nolens.studio.live_stream._LATENCY_S", None)
     psf, blur = _camera()
     frame, asked = _frame(blur, _scene(1), 0), []
 

@@ -25,6 +25,7 @@ from nolens.capture import (
 from nolens.errors import CameraError, NolensError
 from nolens.files import PSFS_FILE, read_camera, read_frame
 from nolens.files.psf_folder import PsfFolder
+from nolens.machine import pick_device
 from nolens.operators import PixelRectangle
 from nolens.studio.live_solver import LiveSolver, live_bin
 from nolens.studio.pictures import raw_jpeg
@@ -332,11 +333,13 @@ def open_live(
 
 def _solver(psf: Path) -> LiveSolver:
     """Solver with the PSF of a file, or with all PSFs over the field that a folder lists."""
-    acceptance = partial(_acceptance, psf.parent)
+    acceptance, device = partial(_acceptance, psf.parent), pick_device("auto")
     if psf.name != PSFS_FILE:
-        return LiveSolver(read_frame(psf), acceptance=acceptance)
+        return LiveSolver(read_frame(psf), acceptance=acceptance, device=device)
     psfs = PsfFolder(psf.parent).for_scene(None)
-    return LiveSolver(psfs.ahead, field_points=psfs.field_points, acceptance=acceptance)
+    return LiveSolver(
+        psfs.ahead, field_points=psfs.field_points, acceptance=acceptance, device=device
+    )
 
 
 def _acceptance(
@@ -352,11 +355,11 @@ def _acceptance(
 
 def _twin_solver(source: TwinSource, loaded: LoadedCamera) -> LiveSolver:
     """Solver with the PSF and the support of a simulated camera, in pixels of the live view."""
-    psf, support = source.psf(), source.support
+    psf, support, device = source.psf(), source.support, pick_device("auto")
     # The PSF may have more rows than the sensor.
     by = live_bin(loaded.camera.sensor.rows // loaded.camera.sensor.superpixel)
     if by == 1:
-        return LiveSolver(psf, support)
+        return LiveSolver(psf, support, device=device)
     size = -(-support.height // by), -(-support.width // by)
     coarse = PixelRectangle(support.top // by, support.left // by, *size)
-    return LiveSolver(bin_mean(psf, by), coarse)
+    return LiveSolver(bin_mean(psf, by), coarse, device=device)

@@ -334,6 +334,7 @@ class LiveView:
             "gain": shot.gain,
             "iterations": None if picture is None else picture.iterations,
             "tau": None if picture is None else picture.tau,
+            "prior": None if picture is None else picture.prior.get("prior"),
             "histogram": frame.levels.histogram,
             "clipped_fraction": frame.levels.clipped_fraction,
             "dropped": source.camera.dropped,

@@ -159,6 +159,7 @@ def _record(displayed: DisplayedFrame, files: list[Path], psf: Path | None) -> R
         **displayed.settings.model_dump(include={"method", "detail"}),
         "tau": None if picture is None else picture.tau,
         "field_points": None if picture is None else picture.field_points,
+        **({} if picture is None else picture.prior),
     }
     return RunRecord(
         started=shot.taken.isoformat(timespec="seconds"),

@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Thread
 
+import torch
 from torch import Tensor
 
 from nolens.camera import Frame, Measurement, PsfGeometry
 from nolens.errors import NolensError
+from nolens.files.weights import denoiser
 from nolens.operators import PixelRectangle
 from nolens.solvers import (
     Development,
@@ -15,16 +17,16 @@ from nolens.solvers import (
     Method,
     Problem,
     Reconstructor,
-    Stream,
     wiener,
 )
 from nolens.solvers.inputs import tensor_of
+from nolens.solvers.plug_and_play import PlugAndPlay
 from nolens.solvers.result import window_of
+from nolens.studio.live_stream import LiveStream
 from nolens.studio.live_weight import LiveWeight, live_weight
 from nolens.studio.schemas import Settings
 
 _MOST_ROWS = 400
-_LATENCY_S = 0.25
 _BASIS_ERROR = 0.08
 """Of PSFs over the field: a frame then takes 1.6 times less than with that of a photo, for 0.1 to
 0.3 dB (decision 18)."""
@@ -49,6 +51,8 @@ class LivePicture:
         Weight of the prior (`Problem.weight`).
     field_points
         How many PSFs over the field were used, 1 for their mean.
+    prior
+        What a record says of the prior; empty for the Wiener filter, which has none.
     """
 
     radiance: Tensor
@@ -56,6 +60,7 @@ class LivePicture:
     iterations: int
     tau: float
     field_points: int
+    prior: dict[str, str]
 
 
 class LiveSolver:
@@ -76,6 +81,8 @@ class LiveSolver:
     acceptance
         Of the camera: the support where none is given, from when a frame has shown no light beyond.
         Pictures are as large as frames then, too, and dark around it.
+    device
+        That it computes on.
     """
 
     def __init__(
@@ -84,16 +91,17 @@ class LiveSolver:
         support: PixelRectangle | None = None,
         field_points: tuple[FieldPoint, ...] = (),
         acceptance: Acceptance | None = None,
+        device: torch.device | str = "cpu",
     ) -> None:
         self._psf, self._support, self._field_points = psf, support, field_points
-        self._acceptance = acceptance
+        self._acceptance, self._device = acceptance, device
         self._accepting: Thread | None = None
         self._accepted: tuple[Reconstructor, PixelRectangle] | None = None
         self._camera: tuple[Reconstructor, Reconstructor] | None = None
         self._problem: Problem | None = None
         self._frames: tuple[object, ...] = ()
-        self._stream: Stream | None = None
-        self._iterations = 0
+        self._stream: LiveStream | None = None
+        self._network: PlugAndPlay | None = None
         self._weights: dict[str, LiveWeight] = {}
 
     @property
@@ -109,7 +117,8 @@ class LiveSolver:
         measurement
             The frame, developed to the pixels of the live view.
         settings
-            Method, detail, iterations, and whether all PSFs over the field are used.
+            Method, detail, iterations, and whether the trained prior is used where it keeps the
+            rate, and all PSFs over the field.
         brightness
             Exposure time times gain, which the picture is divided by.
 
@@ -131,26 +140,36 @@ class LiveSolver:
             self._stream = None
             filtered = replace(problem.measuring(values, valid), tau=tau * problem.tau_unit**2)
             result = wiener(filtered)
-            scene, iterations = result.scene, result.iterations
+            scene, iterations, prior = result.scene, result.iterations, {}
         else:
-            if self._stream is None or self._iterations != settings.iterations:
-                self._iterations = settings.iterations
-                self._stream = Stream(
-                    problem.weighted(tau), iterations=settings.iterations, latency_s=_LATENCY_S
-                )
-            self._stream.weigh(tau)
-            solved = self._stream.solve(values, valid)
-            scene, iterations = solved.scene, solved.iterations
-        picture = window_of(scene, problem.sensor_frame if self._support is None else problem.frame)
+            stream = self._stream
+            if stream is None or stream.iterations != settings.iterations:
+                stream = LiveStream(problem.weighted(tau), settings.iterations)
+                self._stream = stream
+            stream.weigh(tau)
+            solved = stream.solve(values, valid, self._prior(settings))
+            scene, iterations, prior = solved.scene, solved.iterations, stream.facts
+        window = problem.sensor_frame if self._support is None else problem.frame
+        radiance = window_of(scene, window).cpu() / brightness
         points = problem.forward.field_points
-        return LivePicture(picture / brightness, measurement.channels, iterations, tau, points)
+        return LivePicture(radiance, measurement.channels, iterations, tau, points, prior)
 
     def await_choices(self) -> None:
-        """Wait for the choices of weights and of the support that are being made."""
+        """Wait for the choices of weights, support and prior that are being made."""
         if self._accepting is not None:
             self._accepting.join()
         for weight in self._weights.values():
             weight.wait()
+        if self._stream is not None:
+            self._stream.wait()
+
+    def _prior(self, settings: Settings) -> PlugAndPlay | None:
+        """The trained prior with the detail of the settings; the same while they stay."""
+        if not settings.trained:
+            return None
+        if self._network is None or self._network.detail != settings.detail:
+            self._network = replace(denoiser(), detail=settings.detail)
+        return self._network
 
     def _problem_for(
         self, measurement: Measurement, *, over_field: bool
@@ -203,7 +222,7 @@ class LiveSolver:
     def _reconstructor(self, measurement: Measurement) -> Reconstructor:
         """With the PSF, or PSFs, on the pixels of a measurement."""
         if isinstance(self._psf, Tensor):
-            return Reconstructor(self._psf, self._support, tau=0.0)
+            return Reconstructor(self._psf, self._support, tau=0.0, device=self._device)
         psf = self._psf
         height, width = psf.sensor or psf.counts.shape[-2:]
         beyond = psf.counts.shape[-2] > height and psf.counts.shape[-1] > width
@@ -217,6 +236,7 @@ class LiveSolver:
             development.prepared(measurement).values,
             self._support,
             tau=0.0,
+            device=self._device,
             field_psf=development.field_psf(measurement),
             basis_error=_BASIS_ERROR,
         )

@@ -139,13 +139,15 @@ class Uploaded(BaseModel):
 
 
 class Settings(BaseModel):
-    """How the live view is exposed and reconstructed: the automatic τ is divided by the detail; of
-    PSFs over the field the mean is used, or all; no exposure time means automatic.
+    """How the live view is exposed and reconstructed: the automatic τ is divided by the detail; a
+    trained prior is used where it keeps ten frames a second, or none; of PSFs over the field the
+    mean is used, or all; no exposure time means automatic.
     """
 
     method: Method = "admm"
     detail: float = 1.0
     iterations: int = 2
+    trained: bool = True
     over_field: bool = False
     exposure_s: float | None = None
     gain: float = 1.0
@@ -158,6 +160,7 @@ class SettingsChange(_PageRequest):
     method: Method | None = None
     detail: Annotated[float, Field(ge=0.125, le=8)] | None = None
     iterations: Annotated[int, Field(ge=1, le=40)] | None = None
+    trained: bool | None = None
     over_field: bool | None = None
     exposure_s: Annotated[float, Field(gt=0, le=1000)] | None = None
     gain: Annotated[float, Field(gt=0, le=1000)] | None = None

@@ -12,6 +12,7 @@ import { pause } from "./format.js";
  * @property {number} exposure_s
  * @property {number} gain
  * @property {number | null} iterations
+ * @property {string | null} prior of the picture, by the name that --prior has
  * @property {string | null} [trouble] why there is no picture
  * @property {number} dropped
  * @property {number} clipped_fraction

@@ -14,6 +14,9 @@ import { Viewer } from "./viewer.js";
 import { SolverControls } from "./viewfinder_solver.js";
 import { SourceControls } from "./viewfinder_source.js";
 
+/** @type {Record<string, string>} */
+const PRIORS = { tv: "total variation", "colour-tv": "total variation", denoiser: "trained network" };
+
 /** @param {string} title @param {string} label @param {"raw" | "picture"} what */
 function view(title, label, what) {
   const id = `live-${what}`;
@@ -39,7 +42,7 @@ class Viewfinder {
     this.raw = view("Sensor", "What the sensor measures, live", "raw");
     this.picture = view("Reconstruction", "The picture reconstructed from it, live", "picture");
     this.picture.element.classList.add("first");
-    this.figures = readout(["Frames/s", "Latency", "Dropped", "Exposure", "Gain", "Iterations"]);
+    this.figures = readout(["Frames/s", "Latency", "Dropped", "Exposure", "Gain", "Prior", "Iterations"]);
     this.frozen = false;
     this.points = 1;
     this.freezer = button("Freeze", told(() => this.freeze()), { "aria-pressed": "false", "aria-keyshortcuts": "Space" });
@@ -100,6 +103,7 @@ class Viewfinder {
     values.Dropped.textContent = String(head.dropped);
     values.Exposure.textContent = duration(head.exposure_s);
     values.Gain.textContent = number(head.gain, 3);
+    values.Prior.textContent = PRIORS[head.prior ?? ""] ?? head.prior ?? "–";
     values.Iterations.textContent = String(head.iterations ?? "–");
     this.picture.empty.hidden = Boolean(pictures.picture);
     this.picture.empty.textContent = head.trouble ?? "";

@@ -41,7 +41,10 @@ export class SolverControls {
     this.field = tick("PSFs over the field: sharper, and slower", false,
       told((over_field) => flush({ over_field })));
     this.field.element.hidden = true;
-    this.elements = [this.method.element, this.detail.element, this.iterations.element, this.field.element];
+    this.trained = tick("Trained network where it keeps 10 frames a second", true,
+      told((trained) => flush({ trained })));
+    this.elements = [this.method.element, this.detail.element, this.iterations.element,
+      this.trained.element, this.field.element];
   }
 
   /** @param {any} settings */
@@ -49,7 +52,9 @@ export class SolverControls {
     this.method.set(settings.method);
     if (document.activeElement !== this.detail.input) this.detail.set(settings.detail);
     if (document.activeElement !== this.iterations.input) this.iterations.set(settings.iterations);
-    this.iterations.input.disabled = this.field.box.disabled = settings.method === "wiener";
+    this.iterations.input.disabled = this.field.box.disabled = this.trained.box.disabled
+      = settings.method === "wiener";
+    this.trained.box.checked = settings.trained;
     this.field.box.checked = settings.over_field;
   }
 }
