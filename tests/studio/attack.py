@@ -286,7 +286,15 @@ def odd_requests() -> Iterator[tuple[str, str, bytes]]:
             for name in names:
                 yield post("jobs", f'{{"kind": "{kind}", "options": {{"{name}": {value}}}}}')
         yield post("jobs", f'{{"kind": {value}, "options": {value}}}')
-        for name in ("detail", "iterations", "over_field", "exposure_s", "frozen", "method"):
+        for name in (
+            "detail",
+            "iterations",
+            "over_field",
+            "trained",
+            "exposure_s",
+            "frozen",
+            "method",
+        ):
             yield post("live/settings", f'{{"{name}": {value}}}')
         for name in ("source", "psf"):
             yield post("live/start", f'{{"source": "nothing", "{name}": {value}}}')

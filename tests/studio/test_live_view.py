@@ -42,7 +42,7 @@ _SCANS = Path(__file__).parents[1] / "corpus" / "simulate-jpeg-300-scans.jpg"
 
 AT_FIRST = {
     "method": "admm", "detail": 1.0, "iterations": 2, "exposure_s": None, "gain": 1.0,
-    "frozen": False, "over_field": False,
+    "frozen": False, "over_field": False, "trained": True,
 }  # fmt: skip
 
 

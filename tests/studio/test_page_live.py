@@ -97,6 +97,8 @@ def test_settings_act_at_once_and_freezing_holds_the_frame(visit: Visit) -> None
     await_frames(page, 2)
     page.get_by_role("button", name="Wiener").click()
     await_text(page, ".view figcaption", "Wiener")
+    trained = page.get_by_label("Trained network")
+    expect(trained).to_be_disabled()
     detail = page.get_by_role("slider", name="Detail")
     assert detail.get_attribute("aria-valuetext") == "automatic"
     detail.evaluate("(each) => { each.value = each.max; each.dispatchEvent(new Event('input')); }")
@@ -105,6 +107,8 @@ def test_settings_act_at_once_and_freezing_holds_the_frame(visit: Visit) -> None
     page.wait_for_function(
         "(each) => each.ariaValueText === 'automatic'", arg=detail.element_handle()
     )
+    trained.click()
+    expect(trained).not_to_be_checked()
     page.get_by_label("Exposure", exact=True).evaluate(
         "(each) => { each.value = 0.75 * each.max; each.dispatchEvent(new Event('input')); }"
     )
@@ -122,6 +126,7 @@ def test_settings_act_at_once_and_freezing_holds_the_frame(visit: Visit) -> None
     assert number_of(page) == held
     page.keyboard.press("Space")
     await_frames(page, 1)
+    expect(trained).not_to_be_checked()  # As the server's state says.
 
 
 def test_saving_keeps_what_is_shown(visit: Visit, studio_folder: Path) -> None:

@@ -14,9 +14,6 @@ import { Viewer } from "./viewer.js";
 import { SolverControls } from "./viewfinder_solver.js";
 import { SourceControls } from "./viewfinder_source.js";
 
-/** @type {Record<string, string>} */
-const PRIORS = { tv: "total variation", "colour-tv": "total variation", denoiser: "trained network" };
-
 /** @param {string} title @param {string} label @param {"raw" | "picture"} what */
 function view(title, label, what) {
   const id = `live-${what}`;
@@ -42,9 +39,11 @@ class Viewfinder {
     this.raw = view("Sensor", "What the sensor measures, live", "raw");
     this.picture = view("Reconstruction", "The picture reconstructed from it, live", "picture");
     this.picture.element.classList.add("first");
-    this.figures = readout(["Frames/s", "Latency", "Dropped", "Exposure", "Gain", "Prior", "Iterations"]);
+    this.figures = readout(["Frames/s", "Latency", "Dropped", "Exposure", "Gain", "Iterations"]);
     this.frozen = false;
     this.points = 1;
+    this.method = this.psfs = "";
+    this.trained = false;
     this.freezer = button("Freeze", told(() => this.freeze()), { "aria-pressed": "false", "aria-keyshortcuts": "Space" });
     this.saver = button("Save", told(() => this.save()), { class: "primary", "aria-keyshortcuts": "s" });
     this.png = tick("PNG", true);
@@ -103,8 +102,9 @@ class Viewfinder {
     values.Dropped.textContent = String(head.dropped);
     values.Exposure.textContent = duration(head.exposure_s);
     values.Gain.textContent = number(head.gain, 3);
-    values.Prior.textContent = PRIORS[head.prior ?? ""] ?? head.prior ?? "–";
     values.Iterations.textContent = String(head.iterations ?? "–");
+    this.trained = head.prior === "denoiser";
+    this.describe();
     this.picture.empty.hidden = Boolean(pictures.picture);
     this.picture.empty.textContent = head.trouble ?? "";
     this.raw.canvas.dataset.number = String(head.number);
@@ -129,6 +129,11 @@ class Viewfinder {
     this.source.follow(state);
   }
 
+  /** Say what the picture is by. */
+  describe() {
+    this.picture.note.textContent = `${this.trained ? "network" : this.method}${this.psfs}`;
+  }
+
   /** @param {any} settings */
   settle(settings) {
     this.frozen = Boolean(settings.frozen);
@@ -137,7 +142,9 @@ class Viewfinder {
     if (this.frozen) this.figures.values["Frames/s"].textContent = "frozen";
     const over = settings.over_field && settings.method !== "wiener";
     const psfs = this.points > 1 ? `, ${over ? "" : "mean of "}${this.points} PSFs${over ? " over the field" : ""}` : "";
-    this.picture.note.textContent = `${settings.method === "wiener" ? "Wiener" : "ADMM"}${psfs}`;
+    this.method = settings.method === "wiener" ? "Wiener" : "ADMM";
+    this.psfs = psfs;
+    this.describe();
     this.light.follow(settings);
     this.solver.follow(settings);
   }
