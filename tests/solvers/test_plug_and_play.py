@@ -22,6 +22,7 @@ from nolens.solvers.denoising_network import (
 )
 from nolens.solvers.held_out import channel_noise
 from nolens.solvers.plug_and_play import Fit, PlugAndPlay, Refinement, Turn
+from nolens.solvers.report import Report
 from nolens.training.pictures import training_picture
 from nolens.training.unrolled import refinement_network
 
@@ -211,11 +212,14 @@ def test_little_noise_through_a_sharp_psf(
     true = noise / (problem.scale * problem.psf_norm).flatten()
     assert bool((own > 3 * true).all())
     torch.testing.assert_close(measured, true, rtol=0.35, atol=0)
-    best, default = (
-        float((each.solve(problem).scene - scene).square().sum())
-        for each in (replace(solver, prior=Prior.TV), solver)
-    )
+    result = solver.solve(problem)
+    best, default = (float((each - scene).square().sum()) for each in (photograph, result.scene))
     assert default < 0.5 * best
+    report = Report.of(
+        problem, result, psf, prediction=None, method="admm", automatic_tau=False,
+        automatic_support=False, seconds=1.0,
+    )  # fmt: skip
+    assert report.noise == pytest.approx(0.005, rel=0.35)
 
 
 def test_noise_that_the_fit_leaves() -> None:

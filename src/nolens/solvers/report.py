@@ -1,7 +1,7 @@
 """What a reconstruction came to: noise, unexplained part, resolution, support, and the run."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -108,7 +108,12 @@ class Report:
         method, automatic_tau, automatic_support, seconds, acceptance, pixel_rad, left_out
             As the report has them.
         """
-        noise = pixel_noise(problem)
+        noise, missed = pixel_noise(problem), prediction or fit(problem, result.scene)
+        if prediction is not None or result.first is not None:
+            # Nothing fits their noise: what is more has the detail of a sharp PSF in it.
+            least = min(missed.noise, missed.residual)
+            noise *= least / missed.noise
+            missed = replace(missed, noise=least)
         norms = (problem.scale * problem.psf_norm).double().flatten().cpu()
         counts = problem.valid.sum((-2, -1)).clamp_min(1)
         means = (problem.data.sum((-2, -1), dtype=torch.float64) / counts).cpu()
@@ -117,7 +122,7 @@ class Report:
         height, width = problem.scene_shape[-2:]
         return cls(
             noise=deviation / mean if mean > 0 else math.inf,
-            prediction=fit(problem, result.scene) if prediction is None else prediction,
+            prediction=missed,
             held_out=prediction is not None,
             frequency=resolved_frequency(problem, result.scene, psf, noise),
             pixel_rad=pixel_rad,

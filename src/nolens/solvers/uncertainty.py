@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from nolens.errors import OptionError
-from nolens.solvers.held_out import channel_noise
+from nolens.solvers.coarse import Errors
 from nolens.solvers.problem import Problem
 from nolens.solvers.reconstructor import Reconstructor
 from nolens.solvers.result import Result
@@ -92,7 +92,7 @@ def uncertainty(
     if not _FEWEST <= samples <= _MOST:
         raise OptionError(f"{samples} samples; give {_FEWEST} to {_MOST}")
     expected = torch.where(problem.valid, problem.forward(result.scene / problem.scale), 0)
-    noise = channel_noise(problem)[:, None, None]
+    noise = Errors.of(problem, result.scene).noise[:, None, None]
     generator = torch.Generator().manual_seed(seed)
     total = torch.zeros_like(result.scene, dtype=torch.float64)
     squares = torch.zeros_like(total)
