@@ -104,7 +104,9 @@ def test_solves_with_its_choice() -> None:
 
 
 def test_a_weight_is_chosen_on_larger_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """2×2, with a network, too; it is about that of the measurement's own."""
+    """2×2, with a network, too; it is about that of the measurement's own. Through a PSF of single
+    pixels it would not be, and is chosen on those, unless a network goes on from there.
+    """
     psf = mask_psf()
     data = measured(psf, photograph(), 0.02)
     fine = Reconstructor(psf, SUPPORT).choose_weight(data).tau
@@ -113,6 +115,14 @@ def test_a_weight_is_chosen_on_larger_pixels(monkeypatch: pytest.MonkeyPatch) ->
     tau = solver.choose_weight(data).tau
     assert tau == pytest.approx(choose_weight(solver.coarse_problem(data)).tau)
     assert 1 / 4 < tau / fine < 4
+
+    sharp = (torch.rand(psf.shape) > 0.98).float()
+    data = measured(sharp, photograph(), 0.02)
+    solver = Reconstructor(sharp, SUPPORT)
+    fine, coarse = (choose_weight(solver.coarse_problem(data, by=by)).tau for by in (1, 2))
+    assert coarse > 2 * fine
+    assert solver.choose_weight(data).tau == pytest.approx(fine)
+    assert replace(solver, prior="denoiser").choose_weight(data).tau == pytest.approx(coarse)
 
 
 def test_weight_of_the_wiener_filter_is_chosen() -> None:
