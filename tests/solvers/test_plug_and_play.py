@@ -45,8 +45,8 @@ def problem() -> Problem:
 
 @pytest.fixture
 def own_spreads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Turns end with the prior's own spreads, however little noise there is."""
-    monkeypatch.setattr("nolens.solvers.plug_and_play._OF_NOISE", math.inf)
+    """Turns have the prior's own spreads, whatever noise there is."""
+    monkeypatch.setattr(Fit, "own_noise", lambda *_: math.inf)
 
 
 def identity() -> DenoisingNetwork:
@@ -215,6 +215,11 @@ def test_little_noise_through_a_sharp_psf(
     result = solver.solve(problem)
     best, default = (float((each - scene).square().sum()) for each in (photograph, result.scene))
     assert default < 0.5 * best
+    louder = solver.problem(light + 20 * (data - light))
+    own, larger = len(denoiser().spreads), len(denoiser().spreads) if coarsen_from == 0 else 0
+    strengths = [row.get("penalty_1") for row in solver.solve(louder).history]
+    assert strengths.count(1.0) < own < strengths.count(1.0) + 5
+    assert len(result.history) > own + larger
     report = Report.of(
         problem, result, psf, prediction=None, method="admm", automatic_tau=False,
         automatic_support=False, seconds=1.0,

@@ -60,8 +60,8 @@ def test_a_scene_that_stands_gathers_light(noisy) -> None:
     frames = [stream.solve(noisy(scene(0), number)) for number in range(11)]
     assert torch.equal(frames[0].scene, solver().solve(noisy(scene(0), 0)).scene)
     assert all(each.iterations == TURNS for each in frames[1:])
-    first, last = (error(each.scene, scene(0)) for each in (frames[0], frames[-1]))
-    assert last**2 < 0.8 * first**2 and stream.cuts == 0
+    first, *_, a, b, c, d = (error(each.scene, scene(0)) ** 2 for each in frames)
+    assert (a + b + c + d) / 4 < 0.8 * first and stream.cuts == 0
 
 
 def test_goes_on_from_a_picture(noisy) -> None:
@@ -168,7 +168,7 @@ def test_a_refinement_is_of_what_is_shown(noisy) -> None:
         stream = replace(solver(), prior=prior).stream(noisy(scene(0), 0))
         shown.append(torch.stack([stream.solve(noisy(scene(0), each)).scene for each in range(3)]))
     assert torch.equal(*shown)
-    assert turns == [len(denoiser().spreads) - 1, TURNS - 1, TURNS - 1]
+    assert len(turns) == 3 and turns[0] > TURNS and turns[1:] == [TURNS - 1, TURNS - 1]
 
 
 def test_a_picture_that_is_no_number(noisy, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,8 +52,9 @@ _TRIAL_TURNS = 6
 _WHITE = 0.995
 """Fraction of the photograph's values below its white."""
 _OF_NOISE, _NARROWEST, _FALL = 0.5, 0.1, 0.8
-"""Where the noise in a fit is small, spreads go on falling by the last factor, to the first times
-that noise, or the second times the last of the prior's own (decision 24)."""
+"""Where the measurement carries the finest detail, spreads fall to the first times the noise in a
+fit: no further, or on below the prior's own by the last factor, to the second times the last of
+those at most (decision 24)."""
 _BYTES_PER_PIXEL = 120
 """Held in the fit, per pixel of the padded shape."""
 
@@ -343,8 +344,8 @@ class PlugAndPlay:
 
     Turns start from a photograph by total variation, whose white is the unit of all. There is no
     objective, so their number follows from the spreads: where the measurement carries the finest
-    detail and has little noise (`Fit.own_noise`), these go on falling to that noise. A `Refinement`
-    may come after them.
+    detail, these fall to half of the fit's own noise (`Fit.own_noise`), be it more or less than the
+    last of them. A `Refinement` may come after the turns.
 
     Parameters
     ----------
@@ -476,6 +477,10 @@ class PlugAndPlay:
                 errors = coarse.errors(photograph, problem)
                 photograph = latest() * problem.scale
             fit, trial = Fit(problem, photograph, errors), None
+            noise = fit.own_noise(self.spreads[0], self.spreads[-1])
+            if math.isfinite(noise):
+                wide = tuple(each for each in prior.spreads if each >= _OF_NOISE * noise)
+                prior = replace(prior, spreads=wide or prior.spreads[:1])
             strength = fit.first_strength(self.spreads[-1])
             if strength < 1:
                 trial = yield from trials(photograph, fit, strength)
@@ -485,7 +490,7 @@ class PlugAndPlay:
             turns = prior.turns(problem, photograph, strength / weaker, fit, trial)
             start = photograph if trial is None else trial.scene
             last = yield from run(problem, start, turns)
-            lowest = _NARROWEST * prior.spreads[-1]
+            lowest = _NARROWEST * self.spreads[-1]
             while last is not None and prior.spreads[-1] > lowest:
                 fit.learn_noise(problem, last.scene)
                 noise = fit.own_noise(self.spreads[0], self.spreads[-1])
