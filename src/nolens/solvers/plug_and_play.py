@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Generator, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from itertools import islice
 
 import torch
 from torch import Tensor
@@ -13,23 +12,17 @@ from nolens.operators import Geometry
 from nolens.solvers.admm_state import Penalties
 from nolens.solvers.coarse import Coarse, Errors
 from nolens.solvers.denoising_network import BANDS, DenoisingNetwork, denoise
-from nolens.solvers.held_out import (
-    are_likely_less,
-    held_out_blocks,
-    pixels_of,
-    prediction_errors,
-)
 from nolens.solvers.linear_step import LinearStep
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import Callback, Progress, Result, follow
 
 _STRENGTH = 0.7
 """Of turns on larger pixels."""
-_STRENGTHS = tuple((2 / 3) ** step for step in range(4))
-"""Of the first strength, that are tried until one does not predict held-out pixels better than the
-one before by two standard errors: of what neither measurement nor prior holds they say nothing."""
+_WIDEST, _FALL = 30.0, 0.8
+"""Spread of the first turn, in whites, and by what wide ones fall to the prior's own: slow parts of
+a scene, which many PSFs hardly carry, move by much there alone (decision 24)."""
 MANY_PIXELS = 5_000_000
-"""`Problem.padded_pixels` beyond which no strengths are tried."""
+"""`Problem.padded_pixels` beyond which turns may take minutes."""
 FEW_TURNS_PIXELS = 8_000_000
 """Those beyond which only every second turn is taken, on larger pixels and on the problem's own
 (decision 26)."""
@@ -39,22 +32,22 @@ goes over."""
 _FINEST = 0.6
 """Of the noise in the band of a fit that has most, that in the finest at least, where the
 measurement carries the finest detail: 1 is the strength of Bayes' rule there."""
-_FIRST, _HALF, _RISE = 2 / 3, 0.5, 1 / 6
-"""The first strength where there is less, at most, and as it follows from how much: (finest /
+_MOST, _HALF, _RISE = 2 / 3, 0.5, 1 / 6
+"""The strength where there is less, at most, and as it follows from how much: (finest /
 half)^rise (decision 24)."""
 _ERROR = 0.55
-"""Of the model, over the noise, from which on a weaker prior would let it in: the first strength
-stays the most. The photograph then leaves 1.03 times the noise."""
+"""Of the model, over the noise, from which on a weaker prior would let it in: the strength stays
+the most. The photograph then leaves 1.03 times the noise."""
 REFINED_PICTURES = 3
 """That a `Refinement`'s network takes."""
-_TRIAL_TURNS = 6
-"""Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
 """Fraction of the photograph's values below its white."""
-_OF_NOISE, _NARROWEST, _FALL = 0.5, 0.1, 0.8
-"""Where the measurement carries the finest detail, spreads fall to the first times the noise in a
-fit: no further, or on below the prior's own by the last factor, to the second times the last of
-those at most (decision 24)."""
+_ANY = 3.0
+"""How far a picture that says nothing is from the scene."""
+_FROM_NOISE, _OF_NOISE, _NARROWEST = 3.0, 0.4, 0.1
+"""Where the measurement carries the finest detail, spreads fall from the first times the noise in a
+fit near any picture to the second: they end before the prior's own do, or go on below those, to the
+last times their last at most (decision 24)."""
 _BYTES_PER_PIXEL = 120
 """Held in the fit, per pixel of the padded shape."""
 
@@ -162,8 +155,8 @@ class Fit:
         ]
         return _finest(torch.stack(gains))
 
-    def first_strength(self, spread: float) -> float:
-        """The q that trials begin with, the strongest; 1 where no trial is needed.
+    def strength(self, spread: float) -> float:
+        """The q of turns.
 
         Parameters
         ----------
@@ -173,7 +166,7 @@ class Fit:
         finest = self.finest(spread)
         if finest >= _FINEST:
             return 1.0
-        return _FIRST if self.errs else min((finest / _HALF) ** _RISE, _FIRST)
+        return _MOST if self.errs else min((finest / _HALF) ** _RISE, _MOST)
 
     def learn_noise(self, problem: Problem, scene: Tensor) -> None:
         """Take what a picture leaves for the noise of channels where that is less (`Errors`).
@@ -188,7 +181,7 @@ class Fit:
         errors = Errors.of(problem, scene)
         self.noise = torch.where(errors.model > 0, self.noise, self.noise.minimum(errors.noise))
 
-    def own_noise(self, widest: float, last: float) -> float:
+    def own_noise(self, last: float) -> float:
         """The noise in a fit near any picture, of the channel with most, over all bands.
 
         A picture that the network has smoothed by much more is worse than the fit. Infinite where
@@ -196,12 +189,12 @@ class Fit:
 
         Parameters
         ----------
-        widest, last
-            Spreads of the first and the last turn.
+        last
+            Spread of the last turn.
         """
         if self.finest(last) < _FINEST:
             return math.inf
-        return float(self.noise_near(widest).square().mean(dim=1).sqrt().max())
+        return float(self.noise_near(_ANY).square().mean(dim=1).sqrt().max())
 
     def noise_near(self, spread: float) -> Tensor:
         """The noise in a fit of each channel and band, (channels, `BANDS`), in units of the white.
@@ -338,26 +331,26 @@ class PlugAndPlay:
     Where a network that takes out white noise of the deviation s is the proximal map of s² R for
     some R, q² is the weight of R beside the measurement, whatever s is: 1 is that of Bayes' rule.
     Where the measurement carries the finest detail, noise in the fit is about white, as the network
-    takes it, and q is 1. Elsewhere q follows from how much of it is carried (`Fit.finest`). `solve`
-    leaves blocks of pixels out of the fit for some turns (`held_out`), and takes a weaker q where
-    that surely predicts them better; its turns go on with all pixels.
+    takes it, and q is 1. Elsewhere q follows from how much of it is carried (`Fit.finest`).
 
-    Turns start from a photograph by total variation, whose white is the unit of all. There is no
-    objective, so their number follows from the spreads: where the measurement carries the finest
-    detail, these fall to half of the fit's own noise (`Fit.own_noise`), be it more or less than the
-    last of them. A `Refinement` may come after the turns.
+    Turns start from a photograph by total variation, whose white is the unit of all. First come
+    some with wider spreads, on larger pixels where there are many: there the fit leaves the
+    photograph's error in the slow parts of the scene. There is no objective, so the number of turns
+    follows from the spreads: where the measurement carries the finest detail, these fall to half of
+    the fit's own noise (`Fit.own_noise`), be it more or less than the last of them. A `Refinement`
+    may come after the turns.
 
     Parameters
     ----------
     network
         D.
     spreads
-        s of each turn, in units of the white; more may follow.
+        s of each turn, in units of the white; wider ones come before, and more may follow.
     facts
         What a record says of it: the prior, and the hash of its weights.
     detail
-        What the prior's weight, q² of the strength that is chosen, is divided by: 2 shows more
-        detail and more noise.
+        What the prior's weight, q² of the strength that follows from the measurement, is divided
+        by: 2 shows more detail and more noise.
     refinement
         Makes the last picture of the last turn's; None leaves that.
     """
@@ -367,6 +360,19 @@ class PlugAndPlay:
     facts: dict[str, str] = field(default_factory=dict)
     detail: float = 1.0
     refinement: Callable[[Turn], Tensor] | None = field(default=None, repr=False)
+
+    def from_wide(self, widest: float) -> "PlugAndPlay":
+        """The prior with wider spreads before its own.
+
+        Parameters
+        ----------
+        widest
+            s of the first turn at most.
+        """
+        wide = [self.spreads[0]]
+        while wide[-1] / _FALL <= widest:
+            wide.append(wide[-1] / _FALL)
+        return replace(self, spreads=(*wide[:0:-1], *self.spreads))
 
     def turns(
         self,
@@ -438,8 +444,11 @@ class PlugAndPlay:
         """
         scene, pixels, done = first.scene, problem, first.iterations
         weaker = math.sqrt(self.detail)
-        few = coarse is not None and takes_few_turns(problem)
-        prior = replace(self, spreads=self.spreads[::-2][::-1]) if few else self
+        step = 2 if coarse is not None and takes_few_turns(problem) else 1
+
+        def taken(prior: PlugAndPlay) -> PlugAndPlay:
+            """With the turns that this many pixels leave time for; the last is among them."""
+            return replace(prior, spreads=prior.spreads[::-step][::-1])
 
         def latest() -> Tensor:
             """On the problem's pixels, normalised."""
@@ -448,9 +457,9 @@ class PlugAndPlay:
             return coarse.finer(scene, problem) / problem.scale
 
         def run(
-            of: Problem, start: Tensor, turns: Iterable[Turn]
+            of: Problem, start: Tensor, turns: Iterable[Turn], end: int
         ) -> Generator[Progress, None, Turn | None]:
-            """The last turn."""
+            """The last turn; the run is expected to end with that of a number."""
             nonlocal scene, pixels, done
             scene, pixels, turn = start, of, None
             for turn in turns:
@@ -464,70 +473,42 @@ class PlugAndPlay:
                     scene_change=change,
                     penalties=(turn.strength,),
                     scene=latest,
-                    expected=done + len(prior.spreads) - turn.number - 1,
+                    expected=done + end - turn.number,
                 )
             return turn
 
         def checks() -> Iterator[Progress]:
-            nonlocal prior
-            photograph, errors = first.scene, None
+            photograph, errors, prior = first.scene, None, taken(self)
             if coarse is not None:
-                turns = prior.turns(coarse.problem, photograph, _STRENGTH / weaker)
-                yield from run(coarse.problem, photograph, turns)
+                before = taken(self.from_wide(_WIDEST))
+                turns = before.turns(coarse.problem, photograph, _STRENGTH / weaker)
+                end = len(before.spreads) + len(prior.spreads) - 1
+                yield from run(coarse.problem, photograph, turns, end)
                 errors = coarse.errors(photograph, problem)
                 photograph = latest() * problem.scale
-            fit, trial = Fit(problem, photograph, errors), None
-            noise = fit.own_noise(self.spreads[0], self.spreads[-1])
+            fit = Fit(problem, photograph, errors)
+            noise = fit.own_noise(self.spreads[-1])
             if math.isfinite(noise):
-                wide = tuple(each for each in prior.spreads if each >= _OF_NOISE * noise)
-                prior = replace(prior, spreads=wide or prior.spreads[:1])
-            strength = fit.first_strength(self.spreads[-1])
-            if strength < 1:
-                trial = yield from trials(photograph, fit, strength)
-                strength = strength if trial is None else trial.strength
-            if self.detail != 1 or (trial is not None and trial.number + 1 == len(self.spreads)):
-                trial = None  # With another strength, or no turn left for the pixels that were out.
-            turns = prior.turns(problem, photograph, strength / weaker, fit, trial)
-            start = photograph if trial is None else trial.scene
-            last = yield from run(problem, start, turns)
+                spreads = taken(self.from_wide(_FROM_NOISE * noise)).spreads
+                wide = tuple(each for each in spreads if each >= _OF_NOISE * noise)
+                prior = replace(self, spreads=wide or spreads[:1])
+            elif coarse is None:
+                prior = self.from_wide(_WIDEST)
+            strength = fit.strength(self.spreads[-1]) / weaker
+            turns = prior.turns(problem, photograph, strength, fit)
+            last = yield from run(problem, photograph, turns, len(prior.spreads) - 1)
             lowest = _NARROWEST * self.spreads[-1]
             while last is not None and prior.spreads[-1] > lowest:
                 fit.learn_noise(problem, last.scene)
-                noise = fit.own_noise(self.spreads[0], self.spreads[-1])
+                noise = fit.own_noise(self.spreads[-1])
                 if prior.spreads[-1] <= _OF_NOISE * noise:
                     break
                 prior = replace(prior, spreads=(*prior.spreads, _FALL * prior.spreads[-1]))
-                turns = prior.turns(problem, photograph, strength / weaker, fit, last)
-                last = yield from run(problem, last.scene, turns)
+                turns = prior.turns(problem, photograph, strength, fit, last)
+                last = yield from run(problem, last.scene, turns, last.number + 1)
             if self.refinement is not None and last is not None:
                 refined = replace(last, picture=self.refinement(last))
-                yield from run(problem, last.scene, [refined])
-
-        def trials(
-            photograph: Tensor, fit: Fit, strongest: float
-        ) -> Generator[Progress, None, Turn | None]:
-            """The last turn of the strength that is taken; the fit then stands there."""
-            blocks = held_out_blocks(problem.valid)
-            work = problem.padded_pixels * problem.forward.field_points
-            if blocks is None or work > MANY_PIXELS:
-                return None
-            held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
-            data = torch.where(held, 0, problem.data)
-            fitted = replace(problem, data=data, valid=problem.valid & ~held)
-            fit.measure(fitted)
-            best, scenes, before = None, fit.scenes, None
-            for part in _STRENGTHS:
-                strength = part * strongest
-                turns = islice(self.turns(fitted, photograph, strength, fit), _TRIAL_TURNS)
-                turn = yield from run(fitted, photograph, turns)
-                judged = scene / problem.scale
-                errors = prediction_errors(problem, judged, held, blocks)
-                if before is not None and not are_likely_less(errors, before):
-                    break
-                best, scenes, before = turn, fit.scenes, errors
-            fit.measure(problem)
-            fit.resume(scenes)
-            return best
+                yield from run(problem, last.scene, [refined], last.number)
 
         rows, reason = follow(checks(), lambda _: False, callback)
         normalised = latest()

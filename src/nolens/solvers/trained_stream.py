@@ -21,8 +21,11 @@ _WIDEST, _NARROWEST = 0.3, 0.15
 """Spreads of the first and the last of them (decision 24)."""
 _ALONE = 0.25
 """That of a frame with one turn."""
-_OWN_NOISE = 0.12
-"""Noise in the fit (`Fit.own_noise`) below which they are less, by its ratio."""
+_OWN_NOISE = 0.3
+"""Noise in the fit (`Fit.own_noise`) that they are for. They are less by its ratio where there is
+less, and more by the root of that where there is more."""
+_MUCH, _IN_MUCH = 0.2, 0.8
+"""Noise in the fit above which the strength is less than a photo's, by that factor."""
 
 
 class Photo(Protocol):
@@ -152,11 +155,12 @@ class TrainedStream:
     def _start(self, problem: Problem, scene: Tensor) -> None:
         """Have the next frame go on from a picture of a measurement."""
         fit = self._fit = Fit(problem, scene)
-        strength = fit.first_strength(self._prior.spreads[-1])
+        strength = fit.strength(self._prior.spreads[-1])
+        own = fit.own_noise(self._prior.spreads[-1])
+        ratio = own / _OWN_NOISE if math.isfinite(own) else 1.0
+        strength *= _IN_MUCH if _MUCH < own < math.inf else 1.0
         self._strength = strength / math.sqrt(self._prior.detail)
-        own = fit.own_noise(self._spreads[0], self._spreads[-1])
-        narrower = min(own / _OWN_NOISE, 1.0)
-        spreads = tuple(narrower * each for each in self._spreads)
+        spreads = tuple(min(ratio, math.sqrt(ratio)) * each for each in self._spreads)
         self._following = replace(self._following, spreads=spreads)
         self._picture, self._last = scene, None
 
