@@ -11,7 +11,7 @@ from torch import Tensor
 from nolens.errors import OptionError
 from nolens.files.weights import denoiser
 from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.solvers import Method, Prior, Problem, Progress, Reconstructor, Result
+from nolens.solvers import Method, Prior, Problem, Progress, Reconstructor
 from nolens.solvers.denoising_network import (
     BANDS,
     STEP,
