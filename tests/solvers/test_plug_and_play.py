@@ -153,7 +153,6 @@ def test_of_many_pixels_every_second_turn(monkeypatch: pytest.MonkeyPatch) -> No
     solver = Reconstructor(psf, support, tau=1e-5, prior=prior)
     problem = solver.problem(data)
     for most in (0, 10**9):
-        monkeypatch.setattr("nolens.solvers.plug_and_play.MANY_PIXELS", most)
         monkeypatch.setattr("nolens.solvers.plug_and_play.FEW_TURNS_PIXELS", most)
         result = solver.solve(problem)
         assert result.first is not None
@@ -225,7 +224,7 @@ def test_little_noise_through_a_sharp_psf(
     assert default < 0.5 * best
     solver.solve(solver.problem(light + 20 * (data - light)))
     little, louder = spreads
-    assert little < 0.5 * prior.spreads[-1] < prior.spreads[-1] < 0.5 * louder
+    assert little < 0.5 * prior.spreads[-1] and louder > 1.5 * prior.spreads[-1]
     report = Report.of(
         problem, result, psf, prediction=None, method="admm", automatic_tau=False,
         automatic_support=False, seconds=1.0,

@@ -42,12 +42,12 @@ REFINED_PICTURES = 3
 """That a `Refinement`'s network takes."""
 _WHITE = 0.995
 """Fraction of the photograph's values below its white."""
-_ANY = 3.0
-"""How far a picture that says nothing is from the scene."""
-_FROM_NOISE, _OF_NOISE, _NARROWEST = 3.0, 0.4, 0.1
-"""Where the measurement carries the finest detail, spreads fall from the first times the noise in a
-fit near any picture to the second: they end before the prior's own do, or go on below those, to the
-last times their last at most (decision 24)."""
+_NEAR = 1.0
+"""How far a picture may be from the scene whose fit tells its own noise."""
+_FROM_NOISE, _OF_NOISE, _NARROWEST = 5.0, 0.4, 0.1
+"""Where the measurement carries the finest detail, spreads fall from the first times that noise to
+the second: they end before the prior's own do, or go on below those, to the last times their last
+at most (decision 24)."""
 _BYTES_PER_PIXEL = 120
 """Held in the fit, per pixel of the padded shape."""
 
@@ -181,8 +181,8 @@ class Fit:
         errors = Errors.of(problem, scene)
         self.noise = torch.where(errors.model > 0, self.noise, self.noise.minimum(errors.noise))
 
-    def own_noise(self, last: float) -> float:
-        """The noise in a fit near any picture, of the channel with most, over all bands.
+    def own_noise(self, last: float, near: float) -> float:
+        """The noise in a fit near a picture, of the channel with most, over all bands.
 
         A picture that the network has smoothed by much more is worse than the fit. Infinite where
         the measurement does not carry the finest detail, and the fit has the picture's.
@@ -191,10 +191,12 @@ class Fit:
         ----------
         last
             Spread of the last turn.
+        near
+            How far the picture may be from the scene.
         """
         if self.finest(last) < _FINEST:
             return math.inf
-        return float(self.noise_near(_ANY).square().mean(dim=1).sqrt().max())
+        return float(self.noise_near(near).square().mean(dim=1).sqrt().max())
 
     def noise_near(self, spread: float) -> Tensor:
         """The noise in a fit of each channel and band, (channels, `BANDS`), in units of the white.
@@ -487,7 +489,7 @@ class PlugAndPlay:
                 errors = coarse.errors(photograph, problem)
                 photograph = latest() * problem.scale
             fit = Fit(problem, photograph, errors)
-            noise = fit.own_noise(self.spreads[-1])
+            noise = fit.own_noise(self.spreads[-1], _NEAR)
             if math.isfinite(noise):
                 spreads = taken(self.from_wide(_FROM_NOISE * noise)).spreads
                 wide = tuple(each for each in spreads if each >= _OF_NOISE * noise)
@@ -500,7 +502,7 @@ class PlugAndPlay:
             lowest = _NARROWEST * self.spreads[-1]
             while last is not None and prior.spreads[-1] > lowest:
                 fit.learn_noise(problem, last.scene)
-                noise = fit.own_noise(self.spreads[-1])
+                noise = fit.own_noise(self.spreads[-1], _NEAR)
                 if prior.spreads[-1] <= _OF_NOISE * noise:
                     break
                 prior = replace(prior, spreads=(*prior.spreads, _FALL * prior.spreads[-1]))

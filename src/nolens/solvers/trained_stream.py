@@ -21,11 +21,13 @@ _WIDEST, _NARROWEST = 0.3, 0.15
 """Spreads of the first and the last of them (decision 24)."""
 _ALONE = 0.25
 """That of a frame with one turn."""
+_ANY = 3.0
+"""How far a picture is from the scene that says nothing of it."""
 _OWN_NOISE = 0.3
-"""Noise in the fit (`Fit.own_noise`) that they are for. They are less by its ratio where there is
-less, and more by the root of that where there is more."""
+"""Noise in a fit near any picture (`Fit.own_noise`) that they are for. They are less by its ratio
+where there is less, and more by the root of that where there is more."""
 _MUCH, _IN_MUCH = 0.2, 0.8
-"""Noise in the fit above which the strength is less than a photo's, by that factor."""
+"""That above which the strength is less than a photo's, by that factor."""
 
 
 class Photo(Protocol):
@@ -156,7 +158,7 @@ class TrainedStream:
         """Have the next frame go on from a picture of a measurement."""
         fit = self._fit = Fit(problem, scene)
         strength = fit.strength(self._prior.spreads[-1])
-        own = fit.own_noise(self._prior.spreads[-1])
+        own = fit.own_noise(self._prior.spreads[-1], _ANY)
         ratio = own / _OWN_NOISE if math.isfinite(own) else 1.0
         strength *= _IN_MUCH if _MUCH < own < math.inf else 1.0
         self._strength = strength / math.sqrt(self._prior.detail)
