@@ -335,12 +335,12 @@ class PlugAndPlay:
     Where the measurement carries the finest detail, noise in the fit is about white, as the network
     takes it, and q is 1. Elsewhere q follows from how much of it is carried (`Fit.finest`).
 
-    Turns start from a photograph by total variation, whose white is the unit of all. First come
-    some with wider spreads, on larger pixels where there are many: there the fit leaves the
-    photograph's error in the slow parts of the scene. There is no objective, so the number of turns
-    follows from the spreads: where the measurement carries the finest detail, these fall to half of
-    the fit's own noise (`Fit.own_noise`), be it more or less than the last of them. A `Refinement`
-    may come after the turns.
+    Turns start from a photograph by total variation, whose white is the unit of all. The first ones
+    have wider spreads, and are on larger pixels where there are many: they correct the slow parts
+    of the photograph. There is no objective, so the number of turns follows from the spreads: where
+    the measurement carries the finest detail, these fall to a part of the fit's own noise
+    (`Fit.own_noise`), be it more or less than the last of them. A `Refinement` may come after the
+    turns.
 
     Parameters
     ----------
