@@ -55,8 +55,8 @@ def error(found: Tensor, truth: Tensor) -> float:
 
 
 def test_a_scene_that_stands_gathers_light(noisy) -> None:
-    """The first frame is the photo; by the light of ten more frames it gets better, to half of
-    the squared error by total variation.
+    """The first frame is the photo; by the light of ten more a fifth of its squared error goes, and
+    half of that by total variation remains.
     """
     stream = solver().stream(noisy(scene(0), 0))
     frames = [stream.solve(noisy(scene(0), number)) for number in range(11)]
@@ -66,13 +66,13 @@ def test_a_scene_that_stands_gathers_light(noisy) -> None:
     others = [by_variation.solve(noisy(scene(0), number)) for number in range(11)]
     first, *_, a, b, c, d = (error(each.scene, scene(0)) ** 2 for each in frames)
     mean, other = (a + b + c + d) / 4, error(others[-1].scene, scene(0)) ** 2
-    assert mean < 0.95 * first and mean < 0.5 * other and stream.cuts == 0
+    assert mean < 0.8 * first and mean < 0.5 * other and stream.cuts == 0
 
 
 def test_goes_on_from_a_picture(noisy) -> None:
     """As from the stream's own of that measurement; with more detail less of the noise is gone."""
     data, errors = noisy(scene(0), 0), {}
-    for detail in (1.0, 2.0):
+    for detail in (1.0, 2.0, 4.0):
         network = replace(denoiser(), detail=detail)
         own, other = (replace(solver(), prior=network).stream(data) for _ in range(2))
         photo = own.solve(data)
@@ -81,6 +81,7 @@ def test_goes_on_from_a_picture(noisy) -> None:
         assert torch.equal(*frames)
         errors[detail] = error(frames[0], scene(0))
     assert errors[1.0] < errors[2.0] < 1.5 * errors[1.0]
+    assert errors[2.0] < errors[4.0] < 1.5 * errors[2.0]
 
 
 def test_psfs_over_the_field() -> None:
