@@ -337,6 +337,20 @@ def test_wide_spreads_mend_the_slow_parts(
     assert slow(result.scene) < 0.2 * slow(narrow.scene) < 0.2 * slow(result.first.scene)
 
 
+def test_some_of_the_photograph_stays_after_wide_spreads(problem: Problem) -> None:
+    """Turns whose spread leaves the picture as it is go on with the mean, after wide ones alone."""
+    prior = PlugAndPlay(identity(), (30.0, 1e-6, 1e-6))
+    photograph = torch.rand(problem.scene_shape, generator=torch.Generator().manual_seed(2))
+    first, second, third = prior.turns_from_wide(2, problem, photograph)
+    start = photograph / first.white
+    assert float((first.picture - start).norm()) > 0.1 * float(start.norm())
+    torch.testing.assert_close(second.picture, first.picture, rtol=0, atol=1e-4)
+    mean = 0.85 * second.picture + 0.15 * start
+    torch.testing.assert_close(third.picture, mean, rtol=0, atol=1e-4)
+    *_, own = prior.turns_from_wide(3, problem, photograph)
+    torch.testing.assert_close(own.picture, first.picture, rtol=0, atol=1e-4)
+
+
 @pytest.mark.usefixtures("own_spreads")
 @pytest.mark.parametrize("channels", [1, 3])
 def test_a_refinement_makes_the_last_picture(channels: int, network: DenoisingNetwork) -> None:

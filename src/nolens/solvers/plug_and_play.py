@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Generator, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import torch
 from torch import Tensor
@@ -21,6 +22,9 @@ _STRENGTH = 0.7
 _WIDEST, _FALL = 30.0, 0.8
 """Spread of the first turn, in whites, and by what wide ones fall to the prior's own: slow parts of
 a scene, which many PSFs hardly carry, move by much there alone (decision 24)."""
+_KEPT = 0.15
+"""How much of the photograph stays in the picture after wide spreads: it has too little slow light
+of its own, and they bring in too much (decision 24)."""
 MANY_PIXELS = 5_000_000
 """`Problem.padded_pixels` beyond which turns may take minutes."""
 FEW_TURNS_PIXELS = 8_000_000
@@ -337,10 +341,10 @@ class PlugAndPlay:
 
     Turns start from a photograph by total variation, whose white is the unit of all. The first ones
     have wider spreads, and are on larger pixels where there are many: they correct the slow parts
-    of the photograph. There is no objective, so the number of turns follows from the spreads: where
-    the measurement carries the finest detail, these fall to a part of the fit's own noise
-    (`Fit.own_noise`), be it more or less than the last of them. A `Refinement` may come after the
-    turns.
+    of the photograph (`turns_from_wide`). There is no objective, so the number of turns follows
+    from the spreads: where the measurement carries the finest detail, these fall to a part of the
+    fit's own noise (`Fit.own_noise`), be it more or less than the last of them. A `Refinement` may
+    come after the turns.
 
     Parameters
     ----------
@@ -417,6 +421,36 @@ class PlugAndPlay:
             multiplier = noisy - picture
             yield Turn(number, x, picture, multiplier, noise, spread, fit.white, strength)
 
+    def turns_from_wide(
+        self,
+        own: int,
+        problem: Problem,
+        photograph: Tensor,
+        strength: float = 1.0,
+        fit: Fit | None = None,
+    ) -> Iterator[Turn]:
+        """All turns; after the wide ones some of the photograph comes back into the picture.
+
+        Parameters
+        ----------
+        own
+            How many of the spreads, the last ones, are not wide.
+        problem, photograph, strength, fit
+            As `turns` takes them.
+        """
+        fit = Fit(problem, photograph) if fit is None else fit
+        turns, after = self.turns(problem, photograph, strength, fit), None
+        if own < len(self.spreads):
+            for after in islice(turns, len(self.spreads) - own + 1):
+                yield after
+            assert after is not None
+            picture = after.picture.lerp(photograph / fit.white, _KEPT)
+            fit.restart(picture)
+            multiplier = (1 - _KEPT) * after.multiplier
+            after = replace(after, picture=picture, multiplier=multiplier)
+            turns = self.turns(problem, photograph, strength, fit, after)
+        yield from turns
+
     @torch.no_grad()
     def solve(
         self,
@@ -483,21 +517,24 @@ class PlugAndPlay:
             photograph, errors, prior = first.scene, None, taken(self)
             if coarse is not None:
                 before = taken(self.from_wide(_WIDEST))
-                turns = before.turns(coarse.problem, photograph, _STRENGTH / weaker)
-                end = len(before.spreads) + len(prior.spreads) - 1
+                own = len(prior.spreads)
+                turns = before.turns_from_wide(own, coarse.problem, photograph, _STRENGTH / weaker)
+                end = len(before.spreads) + own - 1
                 yield from run(coarse.problem, photograph, turns, end)
                 errors = coarse.errors(photograph, problem)
                 photograph = latest() * problem.scale
             fit = Fit(problem, photograph, errors)
             noise = fit.own_noise(self.spreads[-1], _NEAR)
+            own = len(prior.spreads)
             if math.isfinite(noise):
                 spreads = taken(self.from_wide(_FROM_NOISE * noise)).spreads
                 wide = tuple(each for each in spreads if each >= _OF_NOISE * noise)
                 prior = replace(self, spreads=wide or spreads[:1])
+                own = len(prior.spreads)
             elif coarse is None:
                 prior = self.from_wide(_WIDEST)
             strength = fit.strength(self.spreads[-1]) / weaker
-            turns = prior.turns(problem, photograph, strength, fit)
+            turns = prior.turns_from_wide(own, problem, photograph, strength, fit)
             last = yield from run(problem, photograph, turns, len(prior.spreads) - 1)
             lowest = _NARROWEST * self.spreads[-1]
             while last is not None and prior.spreads[-1] > lowest:
