@@ -515,9 +515,9 @@ class PlugAndPlay:
 
         def checks() -> Iterator[Progress]:
             photograph, errors, prior = first.scene, None, taken(self)
+            own = len(prior.spreads)
             if coarse is not None:
                 before = taken(self.from_wide(_WIDEST))
-                own = len(prior.spreads)
                 turns = before.turns_from_wide(own, coarse.problem, photograph, _STRENGTH / weaker)
                 end = len(before.spreads) + own - 1
                 yield from run(coarse.problem, photograph, turns, end)
@@ -525,7 +525,6 @@ class PlugAndPlay:
                 photograph = latest() * problem.scale
             fit = Fit(problem, photograph, errors)
             noise = fit.own_noise(self.spreads[-1], _NEAR)
-            own = len(prior.spreads)
             if math.isfinite(noise):
                 spreads = taken(self.from_wide(_FROM_NOISE * noise)).spreads
                 wide = tuple(each for each in spreads if each >= _OF_NOISE * noise)
