@@ -107,6 +107,13 @@ def test_support_that_is_too_small() -> None:
     psf = mask_psf()
     text = said(psf, measured(psf), PixelRectangle.centred(48, 48, SENSOR))
     assert "support of 48×48 pixels" in text and "comes from beyond it" in text
+    assert "refocused" not in text
+    # Seen through noise, by comparison; how much the PSF explains is not, and so both are named.
+    noisy = measured(psf, 0.3)
+    text = said(psf, noisy, PixelRectangle.centred(48, 48, SENSOR))
+    assert "Without the support of 48×48 pixels" in text
+    assert "is the scene larger, or beside it?" in text and "If it is not, was the camera" in text
+    assert said(psf, noisy) == ""
     # Of a PSF with light up to the edges, no support would explain anything.
     small = PixelRectangle.centred(48, 48, SENSOR)
     wide = mask_psf(aperture=False)

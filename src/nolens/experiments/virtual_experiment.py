@@ -506,7 +506,7 @@ class VirtualExperiment:
             (sensor.black_counts,),
             sensor.saturated_counts,
             "uint16",
-            f"simulated by {self.twin.camera.name}",
+            f"the measurement simulated by {self.twin.camera.name}",
             black_stated=True,
         )
 

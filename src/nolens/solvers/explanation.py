@@ -32,9 +32,9 @@ _WORTH = 0.02
 _EXCHANGED = 0.25
 """Explained fraction by which exchanged files must be better to be named."""
 _FAIRLY = 0.8
-"""Explained fraction that no support must reach to be named."""
+"""Explained fraction that no support must reach to be the only cause that is named."""
 _BURIED = 0.5
-"""Fraction of the contrast that is noise, above which nothing can be told."""
+"""Fraction of the contrast that is noise, above which nothing can be told of the PSF."""
 _ALL = 0.9
 """The same, above which all of it may be noise."""
 _SQUARES, _EVEN = 12, 2.0
@@ -242,6 +242,14 @@ def _unfinished_warning(problem: Problem, result: Result) -> str | None:
     )
 
 
+@dataclass(frozen=True)
+class _Reading:
+    """Other files or another support that explain clearly more, and what is said of them."""
+
+    prediction: Prediction
+    text: str
+
+
 class _Trials:
     """Predictions on coarse pixels of the brightest channel, with other files and supports."""
 
@@ -281,24 +289,31 @@ class _Trials:
             return None
         if now.unexplained_by_noise > _ALL and not now.explains_anything and self._is_even():
             return self._nothing()
-        if now.unexplained_by_noise > _BURIED or now.explained >= _WELL:
+        if now.explained >= _WELL:
             return None
-        badly = now.explains_less(_BADLY)
+        buried = now.unexplained_by_noise > _BURIED
+        badly = now.explains_less(_BADLY) and not buried
         if badly and has_finer_detail(self._data, self._psf):
             return None  # It was said with the PSF.
-        remedy = (
-            (support_by == "person" and self._larger_support(now))
-            or (self._single and (self._exchange(now) or self._size(now) or self._sharper(now)))
-            # Beyond what the camera accepts, light would explain a model's errors.
-            or (support_by == "measurement" and self._larger_support(now))
-            or (self._unknown(support_by) if badly else None)
-        )
-        if not remedy:
+        readings: list[_Reading | None] = []
+        if self._single and not buried:
+            readings += [self._exchange(now) or self._size(now) or self._sharper(now)]
+        # Noise hides how much a PSF explains, but not that another support explains more. Beyond
+        # what the camera accepts, light would explain a model's errors.
+        if support_by == "person" or (support_by == "measurement" and not buried):
+            readings += [self._larger_support(now)]
+        named = [each for each in readings if each is not None]
+        if named:
+            remedy = max(named, key=lambda each: each.prediction.explained).text
+        elif badly:
+            remedy = self._unknown(support_by)
+        else:
             return None
         side = judged_side(self._sensor)
-        larger = "" if side == 1 else f" on {side}×{side} pixels"  # The report's are the finest.
+        # The report's are the finest.
+        larger = "" if side == 1 else f", in means over {side}×{side} pixels,"
         return (
-            f"{percent(now.unexplained)} of the local contrast of the measurement "
+            f"{percent(now.unexplained)} of the local contrast of "
             f"{self._measurement.source}{larger} is not explained by the PSF {psf_source}, and "
             f"noise alone would be {percent(now.unexplained_by_noise)}{remedy}"
         )
@@ -314,12 +329,12 @@ class _Trials:
     def _nothing(self) -> str:
         """What is said where nothing but noise is seen."""
         return (
-            f"the measurement {self._measurement.source} shows nothing of a scene above its noise: "
+            f"{self._measurement.source} shows nothing of a scene above its noise: "
             "is it a dark frame? Otherwise take it with more light or a longer exposure, or "
             "average several frames"
         )
 
-    def _exchange(self, now: Prediction) -> str | None:
+    def _exchange(self, now: Prediction) -> _Reading | None:
         """What is said where PSF and measurement explain each other better the other way round."""
         if now.explained + _EXCHANGED > 1:
             return None
@@ -336,22 +351,30 @@ class _Trials:
         if exchanged is None or exchanged.explained < least:
             return None
         rest = percent(exchanged.unexplained)
-        return f". With the two files exchanged it is {rest}: they seem to be swapped"
+        return _Reading(
+            exchanged, f". With the two files exchanged it is {rest}: they seem to be swapped"
+        )
 
-    def _larger_support(self, now: Prediction) -> str | None:
+    def _larger_support(self, now: Prediction) -> _Reading | None:
         """What is said where light comes from beyond the support."""
         support = support_of(self._solver.support, self._sensor)
-        # Without one, the light that a cut PSF lacks would come from there; and what is missing
-        # from another camera's finds some place.
+        # Without one, the light that a cut PSF lacks would come from there.
         if support is None or reaches_edges(self._psf, self._sensor):
             return None
         free = replace(self._solver, support=None).predict(self._data, self._valid)
-        if free is None or free.explained < _FAIRLY or not _is_named(free, now):
+        if free is None or not _is_named(free, now):
             return None
-        return (
+        cause = "light comes from beyond it too. Give a larger one (--support), or none"
+        # What is missing from another camera's finds some place.
+        if free.explained < _FAIRLY or now.unexplained_by_noise > _BURIED:
+            cause = (
+                "is the scene larger, or beside it? State a larger one (--support), or none. If it "
+                f"is not, {_UNKNOWN}"
+            )
+        return _Reading(
+            free,
             f". Without the support of {support.height}×{support.width} pixels it is "
-            f"{percent(free.unexplained)}: light comes from beyond it too. Give a larger one "
-            "(--support), or none"
+            f"{percent(free.unexplained)}: {cause}",
         )
 
     def _unknown(self, support_by: SupportBy) -> str:
@@ -364,7 +387,7 @@ class _Trials:
             f"pixels, or beside it? State a larger one, or none. If it is not, {_UNKNOWN}"
         )
 
-    def _size(self, now: Prediction) -> str | None:
+    def _size(self, now: Prediction) -> _Reading | None:
         """What is said where the PSF of another distance explains more."""
         tried = {factor: self._of(magnified(self._psf, factor)) for factor in (0.99, 1.01)}
 
@@ -381,22 +404,24 @@ class _Trials:
         if not _is_named(other, now):
             return None
         larger, nearer = ("larger", "nearer") if factor > 1 else ("smaller", "farther")
-        return (
+        return _Reading(
+            other,
             f". With a PSF that is {percent(abs(factor - 1))} {larger} it is "
             f"{percent(other.unexplained)}: the scene is {nearer} than the point source was, or "
             "the camera was refocused. Take the PSF at the distance of the scene, or refocus "
-            "(nolens refocus)"
+            "(nolens refocus)",
         )
 
-    def _sharper(self, now: Prediction) -> str | None:
+    def _sharper(self, now: Prediction) -> _Reading | None:
         """What is said where a PSF with less blur explains more."""
         other = self._of(_sharpened(self._psf, 2 * judged_side(self._sensor) + 1))
         if not _is_named(other, now):
             return None
-        return (
+        return _Reading(
+            other,
             f". With a sharper PSF it is {percent(other.unexplained)}: the point source was out of "
             "focus, or too large, or moved. Take the PSF anew, with a smaller and steady source at "
-            "the distance of the scene"
+            "the distance of the scene",
         )
 
     def _of(self, psf: Tensor) -> Prediction:

@@ -153,7 +153,10 @@ def choose_psf(
     psf = development.developed_psf(measurement)
     noted = _noted_scale(development, measurement, psf.size, settings)
     geometries = _geometries(psf.size, measurement.size, settings, noted)
-    levels = _black_levels(development, psf, frame)
+    levels = [
+        _Level.of(each, frame) if each is not development else _Level(development, measurement, psf)
+        for each in _black_levels(development, psf, frame)
+    ]
     mirrored = settings.flip == "auto" and noted is None
     part = geometries[0].partial and noted is None and settings.scale is None
     doubtful = len(geometries) > 1 or part
@@ -162,13 +165,13 @@ def choose_psf(
         middle = _geometries(psf.size, measurement.size, replace(settings, scale=1), None)
     trials: list[PsfTrial] = []
     if doubtful or mirrored or middle or len(levels) > 1:
-        trials = _tried(levels, [*geometries, *middle], frame)
+        trials = _tried(levels, [*geometries, *middle])
     if trials and min(each.prediction.missed for each in trials) > _MISSED:
         further = [] if noted is not None else _finer_extended(psf.size, measurement.size, settings)
-        trials += _tried(levels, further, frame)
+        trials += _tried(levels, further)
         if mirrored:
             turned = [replace(each, flip=flip) for each in geometries for flip in _MIRRORED]
-            trials += _tried(levels, turned, frame)
+            trials += _tried(levels, turned)
     best = _best(trials, len(geometries), psf, measurement) if trials else None
     if doubtful and best is None:
         prepare_psf(psf, measurement)  # Says what sizes would fit.
@@ -294,34 +297,44 @@ def _darkest(frame: Frame) -> float:
     return float(counts.kthvalue(max(1, round(_DARKEST * len(counts)))).values)
 
 
-def _tried(
-    levels: Sequence[Development], geometries: Sequence[PsfGeometry], frame: Frame
-) -> list[PsfTrial]:
+@dataclass(frozen=True)
+class _Level:
+    """A development with one of the black levels that are tried, and both frames by it."""
+
+    development: Development
+    measurement: Measurement
+    psf: Measurement
+
+    @classmethod
+    def of(cls, development: Development, frame: Frame) -> "_Level":
+        """Of the measurement's frame."""
+        measurement = development.measurement(frame)
+        return cls(development, measurement, development.developed_psf(measurement))
+
+    def prediction(self, geometry: PsfGeometry) -> Prediction | None:
+        """How well left-out pixels are predicted, in the measurement's strongest channel."""
+        psf = prepare_psf(self.psf, self.measurement, geometry).values
+        channel = self.measurement.brightest
+        psf = psf[channel % len(psf)][None]
+        height, width = self.measurement.size
+        solver = Reconstructor(_middle(psf, (_BEYOND * height, _BEYOND * width)))
+        return solver.predict(self.measurement.values[channel], self.measurement.valid[channel])
+
+
+def _tried(levels: Sequence[_Level], geometries: Sequence[PsfGeometry]) -> list[PsfTrial]:
     """Every geometry with the black level that suits it; none where pixels are too few."""
     trials = []
     for geometry in geometries:
         choice: PsfTrial | None = None
         for level in levels:
-            development = replace(level, psf_geometry=geometry)
-            prediction = _prediction(development, frame)
+            prediction = level.prediction(geometry)
             if prediction is None:
                 return []
             if choice is None or prediction.is_likely_better(choice.prediction):
-                choice = PsfTrial(development, prediction)
+                choice = PsfTrial(replace(level.development, psf_geometry=geometry), prediction)
         if choice is not None:
             trials.append(choice)
     return trials
-
-
-def _prediction(development: Development, frame: Frame) -> Prediction | None:
-    """How well left-out pixels are predicted, in the measurement's strongest channel."""
-    measurement = development.measurement(frame)
-    psf = development.prepared(measurement).values
-    channel = measurement.brightest
-    psf = psf[channel % len(psf)][None]
-    height, width = measurement.size
-    solver = Reconstructor(_middle(psf, (_BEYOND * height, _BEYOND * width)))
-    return solver.predict(measurement.values[channel], measurement.valid[channel])
 
 
 def _middle(psf: Tensor, most: tuple[int, int]) -> Tensor:
