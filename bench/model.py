@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 import statistics
 import time
 from collections.abc import Callable
@@ -25,7 +26,7 @@ from skimage import data
 import nolens as nl
 from machine import describe
 from nolens.api.simulate import Psf
-from nolens.camera import FieldPsf
+from nolens.camera import FieldPsf, preset_text
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import write_camera, write_png, write_psfs
 from nolens.jobs import CalibrateStitchOptions, calibrate_stitch
@@ -58,8 +59,9 @@ SCENES = {"astronaut": "60deg", "chelsea": "50deg"}
 MIDDLE = [0, 2, 4, 10, 12, 14, 20, 22, 24]
 """Of 5×5 field points, 3×3."""
 ROUNDS = 5
-DOT_CAMERA, DOT_PIXELS = "random lenslets of 150 um", (380, 508)
-"""Of these masks the one whose PSF varies most: a Gaussian surface shows all dots with one PSF."""
+DOT_PIXELS = {"random lenslets of 150 um": (380, 508), "Gaussian surface of 5°": (760, 1016)}
+"""Rows and columns that are read behind masks whose PSF varies most: a Gaussian surface of 1° shows
+all dots with one PSF."""
 DOTS = {"pitch": "30mm", "extent": "37.5deg", "distance": "300mm"}
 DOT_WAYS = {"one PSF": (1, "auto"), "one PSF, ℓ1": (1, "l1"), "7×7 PSFs, ℓ1": (7, "l1")}
 """Number of PSFs along each side, and prior; the simulated camera has 7×7 up to this angle."""
@@ -162,13 +164,29 @@ def cost() -> dict[str, dict[str, list[float]]]:
     return seconds
 
 
-def dots(path: Path) -> dict[str, dict[str, float | None]]:
+def steep(pixels: tuple[int, int], folder: Path) -> nl.Camera:
+    """The paper's layers on a sensor of its own, with a Gaussian surface of 5°.
+
+    A relief over all of the paper's sensor, as fine as such slopes need, takes 46 GB.
+    """
+    text = preset_text("paper")
+    for name, count in zip(("rows", "columns"), pixels, strict=True):
+        text = re.sub(rf"(?m)^{name} = \d+$", f"{name} = {count}", text)
+    path = folder / "few-pixels.toml"
+    path.write_text(text)
+    return nl.design_mask("diffuser", nl.Camera(path), angle="5deg", overhang="1.7mm")
+
+
+def dots(name: str, folder: Path) -> dict[str, dict[str, float | None]]:
     """Up to which angle dots before the camera are good, and how many are, by way."""
+    path = folder / f"dots-{name.replace(' ', '-').removesuffix('°')}.json"
     row: dict[str, dict[str, float | None]] = json.loads(path.read_text()) if path.exists() else {}
     for way, (points, prior) in DOT_WAYS.items():
         if way in row:
             continue
-        camera = CAMERAS[DOT_CAMERA](nl.Camera("paper", pixels=DOT_PIXELS))
+        pixels = DOT_PIXELS[name]
+        of_paper = CAMERAS.get(name)
+        camera = of_paper(nl.Camera("paper", pixels=pixels)) if of_paper else steep(pixels, folder)
         begun = time.process_time()
         field = nl.measure_field(
             camera,
@@ -193,7 +211,7 @@ def dots(path: Path) -> dict[str, dict[str, float | None]]:
 def report(
     rows: dict[str, dict[str, dict[str, float]]],
     seconds: dict[str, dict[str, list[float]]],
-    grid: dict[str, dict[str, float | None]],
+    grids: dict[str, dict[str, dict[str, float | None]]],
 ) -> str:
     """Markdown of all."""
     machine = describe()
@@ -236,19 +254,21 @@ def report(
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     lines += [
         "",
-        f"Dots {DOTS['pitch']} apart at {DOTS['distance']}, up to {DOTS['extent']}, before the",
-        f"middle {DOT_PIXELS[0]}×{DOT_PIXELS[1]} pixels, with 7×7 PSFs, noise and mosaic:",
+        f"Dots {DOTS['pitch']} apart at {DOTS['distance']}, up to {DOTS['extent']}, with 7×7 PSFs,",
+        "noise and mosaic:",
         "angle up to which dots are good (`nolens measure field --dot-pitch`; ℓ1 by `--prior l1`),",
         "how many of all are, and processor seconds with the simulation.",
         "",
-        "| camera | " + " | ".join(DOT_WAYS) + " |",
+        "| camera, pixels | " + " | ".join(DOT_WAYS) + " |",
         "|---" * (1 + len(DOT_WAYS)) + "|",
     ]
-    cells = [
-        f"{each['good_deg'] or 0:.1f}° ({each['good']:.0%}, {each['cpu_s']:.0f} s)"
-        for each in map(grid.__getitem__, DOT_WAYS)
-    ]
-    lines.append(f"| {DOT_CAMERA} | " + " | ".join(cells) + " |")
+    for name, row in grids.items():
+        cells = [
+            f"{each['good_deg'] or 0:.1f}° ({each['good']:.0%}, {each['cpu_s']:.0f} s)"
+            for each in map(row.__getitem__, DOT_WAYS)
+        ]
+        rows_read, columns_read = DOT_PIXELS[name]
+        lines.append(f"| {name}, {rows_read}×{columns_read} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
@@ -275,8 +295,8 @@ def main() -> None:
     path = asked.folder / "cost.json"
     if not path.exists():
         path.write_text(json.dumps(cost()))
-    grid = dots(asked.folder / "dots.json")
-    part = report(rows, json.loads(path.read_text()), grid)
+    grids = {name: dots(name, asked.folder) for name in DOT_PIXELS}
+    part = report(rows, json.loads(path.read_text()), grids)
     write_part(asked.out, "bench/model.py", part)
 
 

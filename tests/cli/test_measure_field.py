@@ -203,8 +203,10 @@ def test_simulated_points_of_light(tmp_path: Path) -> None:
 def test_simulated_dots_are_found_again_in_their_picture(tmp_path: Path) -> None:
     grid = ("--dot-pitch", "25mm", "--extent", "10deg")
     out = tmp_path / "dots.tif"
-    told = measured("--simulate", "small", *grid, "-o", out)
-    assert told["outputs"] == [str(out), str(tmp_path / "dots.json")]
+    done = run("measure", "field", "--simulate", "small", *grid, "--simulated-psfs", 5, "-o", out)
+    assert done.code == 0 and "between 5×5 simulated PSFs the simulation is off by 0." in done.out
+    told = json.loads((tmp_path / "dots.json").read_text())["result"]
+    assert told["simulated_psfs"] == 5 and 0 < told["field_error"]["of_contrast"] < 0.01
     assert len(told["dots"]) == 13 and told["good_deg"] == pytest.approx(9.46, abs=0.1)
     again = measured("--dots", out, *grid, "--distance", "300mm", "--camera", "small")
     assert again["dots"] == told["dots"]
@@ -222,6 +224,11 @@ def test_simulated_dots_are_found_again_in_their_picture(tmp_path: Path) -> None
         (("--simulate", "small", "--angles", "0deg,55deg"), ("beyond the model", "50 deg")),
         (("--simulate", "small", "--extent", "10deg"), ("--extent is about a grid", "--dot-pitch")),
         (("--simulate", "small", "-o", "x.tif"), ("-o is about a grid",)),
+        (("--simulate", "small", "--simulated-psfs", "5"), ("--simulated-psfs is about a grid",)),
+        (
+            ("--simulate", "small", "--dot-pitch", "20mm", "--simulated-psfs", "4"),
+            ("4 field points", "an odd number"),
+        ),
         (("--simulate", "small", "--dot-pitch", "20"), ("20 has no unit",)),
         (("--simulate", "small", "--dot-pitch", "20mm", "--angles", "0deg"), ("two things",)),
         (

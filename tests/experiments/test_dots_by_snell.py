@@ -164,6 +164,9 @@ def test_simulated_grid(bench: VirtualExperiment) -> None:
     """Scene, noise and reconstruction: dots within a fifth of a cell of Snell's law."""
     grid = dot_grid(bench, pitch_um=15e3, distance_um=DISTANCE_UM, extent_deg=9.8, iterations=60)
     assert len(grid.dots) == 37 and grid.angles.lost_deg is None
+    assert grid.simulated_psfs == 3 and grid.field_error is not None
+    assert 0.3 < grid.field_error["of_noise"] < 0.6
+    assert len(grid.warnings) == 1 and "try --simulated-psfs 5" in grid.warnings[0]
     assert grid.placement.pitch_mm == pytest.approx(15, rel=5e-3)
     assert abs(grid.placement.turned_deg) < 0.3
     middle = grid.picture.shape[0] // 2

@@ -349,6 +349,7 @@ def measure_field(
     dot_pitch: str | Length | None = None,
     extent: str | Angle = "50deg",
     field_points: int = 1,
+    simulated_psfs: int | None = None,
     prior: Prior | str = Prior.AUTO,
     distance: str | Length = "300mm",
     camera: Camera | None = None,
@@ -372,6 +373,9 @@ def measure_field(
         Half angle up to which there are dots.
     field_points
         PSFs along each side of the field with which the grid is reconstructed; odd.
+    simulated_psfs
+        PSFs along each side of the field between which those of the grid's dots are blended, odd;
+        None takes one every 12.5°. How far off the blend is, ``grid.field_error`` says.
     prior
         What its reconstruction assumes: ``"auto"`` as for any scene, ``"l1"`` for points in the
         dark.
@@ -404,6 +408,7 @@ def measure_field(
         angle_of(extent).deg,
         field_points,
         one_of(Prior, prior, "prior"),
+        simulated_psfs,
     )
     twin = twin_of(source, target.working_bytes(source.preview), _REMEDY)
     experiment = VirtualExperiment(twin, Light("white-led"), field_points=target.field_points)

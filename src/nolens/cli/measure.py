@@ -110,6 +110,18 @@ def _dots_lines(summary: dict[str, Any]) -> list[str]:
         f"{summary['measured_pitch_mm']:.3f} mm apart, turned by {summary['turned_deg']:.2f}°",
         "good: " + ("nowhere" if good is None else f"up to {good:.1f}°"),
         "lost: " + ("nowhere" if lost is None else f"from {lost:.1f}° on"),
+        *_blend_lines(summary),
+    ]
+
+
+def _blend_lines(summary: dict[str, Any]) -> list[str]:
+    """Of a simulated grid, how far off its PSFs are."""
+    points, error = summary.get("simulated_psfs"), summary.get("field_error")
+    if points is None or error is None:
+        return []
+    return [
+        f"between {points}×{points} simulated PSFs the simulation is off by "
+        f"{100 * error['of_contrast']:.2g} % of the picture's contrast"
     ]
 
 

@@ -3,7 +3,7 @@
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import torch
@@ -238,6 +238,13 @@ class DotGrid:
         What a pixel in the middle of the picture sees.
     picture
         (rows, columns).
+    simulated_psfs
+        PSFs along each side of the field that were blended; None of a picture that was not
+        simulated.
+    field_error
+        How far off the blend is (`Irradiated.relative_error`).
+    warnings
+        About that, in sentences.
     """
 
     dots: list[Dot]
@@ -245,12 +252,17 @@ class DotGrid:
     placement: GridPlacement
     pixel_deg: float
     picture: Tensor
+    simulated_psfs: int | None = None
+    field_error: dict[str, float] | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def figures(self) -> dict[str, Any]:
         """Angles, placement and every dot, in values that JSON has."""
+        blend = {"simulated_psfs": self.simulated_psfs, "field_error": self.field_error}
         return {
             **asdict(self.angles),
+            **({} if self.simulated_psfs is None else blend),
             "measured_pitch_mm": self.placement.pitch_mm,
             "turned_deg": self.placement.turned_deg,
             "pixel_deg": self.pixel_deg,
@@ -483,25 +495,31 @@ def dot_grid(
         field_psf=several,
         progress=rest,
     )
-    return locate_grid(
+    grid = locate_grid(
         picture.cpu().mean(dim=0),
         twin,
         pitch_um=pitch_um,
         distance_um=distance_um,
         extent_deg=extent_deg,
     )
+    return replace(
+        grid,
+        simulated_psfs=shot.field_points,
+        field_error=shot.field_error,
+        warnings=tuple(shot.field_warnings("--simulated-psfs")),
+    )
 
 
-def dot_grid_bytes(twin: Twin, extent_deg: float, distance_um: float) -> float:
+def dot_grid_bytes(twin: Twin, extent_deg: float, distance_um: float, points: int) -> float:
     """Bytes that a grid of dots up to a half angle holds at once, beside the relief.
 
-    The PSFs of its field points have one sample to the pixel, and are wider than the sensor by a
-    part of the support.
+    The PSFs of so many field points along a side have one sample to the pixel, and are wider than
+    the sensor by a part of the support.
     """
     sensor = twin.camera.sensor
     farthest = PointSource((0.0, math.tan(math.radians(extent_deg))), distance_um)
     shift = twin.shift_um(PointSource(farthest.tangent))[1] / twin.pixel_um
-    more = math.ceil(4 * shift / (field_points(extent_deg) - 1))
+    more = math.ceil(4 * shift / max(points - 1, 1))
     psf = polychromatic_psf_bytes(
         twin,
         farthest,

@@ -224,6 +224,9 @@ class FieldTarget:
         PSFs along each side of the field with which the dots are reconstructed; odd.
     prior
         With which they are.
+    simulated_psfs
+        PSFs along each side of the field between which those of the dots are blended, odd; None
+        takes one every 12.5°.
 
     Raises
     ------
@@ -237,11 +240,13 @@ class FieldTarget:
     extent_deg: float
     psf_points: int = 1
     prior: Prior = Prior.AUTO
+    simulated_psfs: int | None = None
 
     def __post_init__(self) -> None:
         if self.pitch_um is not None:
             grid_tangents(self.pitch_um, self.distance_um, self.extent_deg)
         check_field_points(self.psf_points)
+        check_field_points(self.field_points)
 
     def __str__(self) -> str:
         if self.pitch_um is None:
@@ -251,7 +256,9 @@ class FieldTarget:
     @property
     def field_points(self) -> int:
         """PSFs along each side of what is blended."""
-        return 1 if self.pitch_um is None else field_points(self.extent_deg)
+        if self.pitch_um is None:
+            return 1
+        return self.simulated_psfs or field_points(self.extent_deg)
 
     def working_bytes(self, twin: Twin) -> float:
         """Bytes that the experiment holds at once, beside the relief.
@@ -266,7 +273,7 @@ class FieldTarget:
         twin.check_source(farthest)
         if self.pitch_um is None:
             return _off_axis_bytes(twin, farthest, len(self.angles_deg))
-        return dot_grid_bytes(twin, largest_deg, self.distance_um)
+        return dot_grid_bytes(twin, largest_deg, self.distance_um, self.field_points)
 
     def measure(
         self, experiment: VirtualExperiment, seed: int, progress: ProgressCallback

@@ -90,6 +90,10 @@ class SimulatedMeasurement:
     @property
     def warnings(self) -> list[str]:
         """That more field points are needed, where their error shows beside the noise."""
+        return self.field_warnings("--field-points")
+
+    def field_warnings(self, option: str) -> list[str]:
+        """The same, of an experiment whose users set their number by another option."""
         if self.field_error is None or self.field_error["of_noise"] <= _VISIBLE:
             return []
         points, of_noise = self.field_points, self.field_error["of_noise"]
@@ -97,7 +101,7 @@ class SimulatedMeasurement:
         steps = (points - 1) * math.sqrt(of_noise / _VISIBLE)
         return [
             f"between the {points}×{points} field points the simulation is off by "
-            f"{of_noise:.2g} of the noise: try --field-points {2 * math.ceil(steps / 2) + 1}"
+            f"{of_noise:.2g} of the noise: try {option} {2 * math.ceil(steps / 2) + 1}"
         ]
 
 

@@ -54,13 +54,14 @@ _OPTIONS = {
         "distance",
         "extent",
         "field_points",
+        "simulated_psfs",
         "prior",
         "seed",
         "plot",
         "output",
     ),
 }
-_OF_DOTS = ("extent", "field_points", "prior", "output")
+_OF_DOTS = ("extent", "field_points", "simulated_psfs", "prior", "output")
 _LIGHT = "Light and grid of dots"
 _OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
 
@@ -176,6 +177,16 @@ class MeasureFieldOptions(RecordedOptions):
             _LIGHT,
         ),
     ] = 1
+    simulated_psfs: Annotated[
+        int | None,
+        Between(1, 101),
+        Option(
+            "PSFs along each side of the field between which those of the simulated grid are "
+            "blended, an odd number.",
+            _LIGHT,
+            default="one every 12.5deg",
+        ),
+    ] = None
     prior: Annotated[
         Prior,
         Option(
@@ -331,11 +342,14 @@ def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[Fie
         options.extent.deg,
         options.field_points,
         options.prior,
+        options.simulated_psfs,
     )
     working = target.working_bytes(preview_model(loaded))
     twin = run.twin(loaded, working, _REMEDY)
     experiment = VirtualExperiment(twin, Light("white-led"), field_points=target.field_points)
     field = target.measure(experiment, options.seed, partial(run.reporter.advance, str(target)))
+    if field.grid is not None:
+        run.warn(*field.grid.warnings)
     return _product(options, field, distance)
 
 
