@@ -59,12 +59,15 @@ SCENES = {"astronaut": "60deg", "chelsea": "50deg"}
 MIDDLE = [0, 2, 4, 10, 12, 14, 20, 22, 24]
 """Of 5×5 field points, 3×3."""
 ROUNDS = 5
-DOT_PIXELS = {"random lenslets of 150 um": (380, 508), "Gaussian surface of 5°": (760, 1016)}
-"""Rows and columns that are read behind masks whose PSF varies most: a Gaussian surface of 1° shows
-all dots with one PSF."""
+DOT_CAMERAS = {
+    "random lenslets of 150 um": ((380, 508), 25),
+    "Gaussian surface of 5°": ((760, 1016), 7),
+}
+"""Rows and columns that are read behind masks whose PSF varies most, and PSFs along each side that
+the simulation blends: a Gaussian surface of 1° shows all dots with one PSF."""
 DOTS = {"pitch": "30mm", "extent": "37.5deg", "distance": "300mm"}
 DOT_WAYS = {"one PSF": (1, "auto"), "one PSF, ℓ1": (1, "l1"), "7×7 PSFs, ℓ1": (7, "l1")}
-"""Number of PSFs along each side, and prior; the simulated camera has 7×7 up to this angle."""
+"""Number of PSFs along each side, and prior."""
 
 
 def among(psf: Psf, numbers: list[int]) -> Psf:
@@ -184,7 +187,7 @@ def dots(name: str, folder: Path) -> dict[str, dict[str, float | None]]:
     for way, (points, prior) in DOT_WAYS.items():
         if way in row:
             continue
-        pixels = DOT_PIXELS[name]
+        pixels, simulated = DOT_CAMERAS[name]
         of_paper = CAMERAS.get(name)
         camera = of_paper(nl.Camera("paper", pixels=pixels)) if of_paper else steep(pixels, folder)
         begun = time.process_time()
@@ -194,13 +197,18 @@ def dots(name: str, folder: Path) -> dict[str, dict[str, float | None]]:
             extent=DOTS["extent"],
             distance=DOTS["distance"],
             field_points=points,
+            simulated_psfs=simulated,
             prior=prior,
         )
         grid = field.grid
         assert grid is not None
         good = sum(dot.grade == "good" for dot in grid.dots) / len(grid.dots)
         cpu_s = time.process_time() - begun
-        row[way] = {"good_deg": grid.angles.good_deg, "good": good, "cpu_s": cpu_s}
+        assert grid.field_error is not None
+        error = grid.field_error["of_contrast"]
+        row[way] = {
+            "good_deg": grid.angles.good_deg, "good": good, "cpu_s": cpu_s, "field_error": error,
+        }  # fmt: skip
         file = path.with_name(f"{path.stem}-{points}-{prior}.png")
         write_png(file, grid.picture[None], float(grid.picture.max()) / 4)
         print(path.stem, way, row[way], flush=True)
@@ -254,21 +262,25 @@ def report(
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     lines += [
         "",
-        f"Dots {DOTS['pitch']} apart at {DOTS['distance']}, up to {DOTS['extent']}, with 7×7 PSFs,",
-        "noise and mosaic:",
+        f"Dots {DOTS['pitch']} apart at {DOTS['distance']}, up to {DOTS['extent']}, with noise",
+        "and mosaic:",
         "angle up to which dots are good (`nolens measure field --dot-pitch`; ℓ1 by `--prior l1`),",
         "how many of all are, and processor seconds with the simulation.",
         "",
-        "| camera, pixels | " + " | ".join(DOT_WAYS) + " |",
-        "|---" * (1 + len(DOT_WAYS)) + "|",
+        "| camera, pixels | simulated PSFs, error of the contrast | " + " | ".join(DOT_WAYS) + " |",
+        "|---" * (2 + len(DOT_WAYS)) + "|",
     ]
     for name, row in grids.items():
         cells = [
             f"{each['good_deg'] or 0:.1f}° ({each['good']:.0%}, {each['cpu_s']:.0f} s)"
             for each in map(row.__getitem__, DOT_WAYS)
         ]
-        rows_read, columns_read = DOT_PIXELS[name]
-        lines.append(f"| {name}, {rows_read}×{columns_read} | " + " | ".join(cells) + " |")
+        (rows_read, columns_read), simulated = DOT_CAMERAS[name]
+        error = next(iter(row.values()))["field_error"] or 0.0
+        blend = f"{simulated}×{simulated}, {100 * error:.2g} %"
+        lines.append(
+            f"| {name}, {rows_read}×{columns_read} | {blend} | " + " | ".join(cells) + " |"
+        )
     return "\n".join(lines)
 
 
@@ -295,7 +307,7 @@ def main() -> None:
     path = asked.folder / "cost.json"
     if not path.exists():
         path.write_text(json.dumps(cost()))
-    grids = {name: dots(name, asked.folder) for name in DOT_PIXELS}
+    grids = {name: dots(name, asked.folder) for name in DOT_CAMERAS}
     part = report(rows, json.loads(path.read_text()), grids)
     write_part(asked.out, "bench/model.py", part)
 
