@@ -13,7 +13,8 @@ BARE := deepinv einops natsort
 env: $(STAMP)
 
 # A pip of today takes half the time of the one that a Python brings. Nothing is compiled beforehand:
-# most of what is installed is never imported, and the rest is compiled where it first is.
+# most of what is installed is never imported, and the rest is compiled where it first is, and kept.
+unexport PYTHONDONTWRITEBYTECODE
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nolens needs Python 3.11 or newer; this is %s. Try: make $(or $(WANTED),$(MAKECMDGOALS)) PYTHON=python3.11" % sys.version.split()[0])'
 	test -x $(BIN)/python || $(PYTHON) -m venv --clear $(VENV)
