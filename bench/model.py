@@ -60,14 +60,19 @@ MIDDLE = [0, 2, 4, 10, 12, 14, 20, 22, 24]
 """Of 5×5 field points, 3×3."""
 ROUNDS = 5
 DOT_CAMERAS = {
-    "random lenslets of 150 um": ((380, 508), 25),
-    "Gaussian surface of 5°": ((760, 1016), 7),
+    "random lenslets of 150 um": ((380, 508), 25, 13),
+    "Gaussian surface of 5°": ((760, 1016), 7, 7),
 }
 """Rows and columns that are read behind masks whose PSF varies most, and PSFs along each side that
-the simulation blends: a Gaussian surface of 1° shows all dots with one PSF."""
+the simulation blends, and that the reconstruction has: a Gaussian surface of 1° shows all dots with
+one PSF."""
 DOTS = {"pitch": "30mm", "extent": "37.5deg", "distance": "300mm"}
-DOT_WAYS = {"one PSF": (1, "auto"), "one PSF, ℓ1": (1, "l1"), "7×7 PSFs, ℓ1": (7, "l1")}
-"""Number of PSFs along each side, and prior."""
+DOT_WAYS = {
+    "one PSF": (False, "auto"),
+    "one PSF, ℓ1": (False, "l1"),
+    "PSFs over the field, ℓ1": (True, "l1"),
+}
+"""Whether the reconstruction has several PSFs, and its prior."""
 
 
 def among(psf: Psf, numbers: list[int]) -> Psf:
@@ -184,10 +189,11 @@ def dots(name: str, folder: Path) -> dict[str, dict[str, float | None]]:
     """Up to which angle dots before the camera are good, and how many are, by way."""
     path = folder / f"dots-{name.replace(' ', '-').removesuffix('°')}.json"
     row: dict[str, dict[str, float | None]] = json.loads(path.read_text()) if path.exists() else {}
-    for way, (points, prior) in DOT_WAYS.items():
+    pixels, simulated, several = DOT_CAMERAS[name]
+    for way, (varies, prior) in DOT_WAYS.items():
         if way in row:
             continue
-        pixels, simulated = DOT_CAMERAS[name]
+        points = several if varies else 1
         of_paper = CAMERAS.get(name)
         camera = of_paper(nl.Camera("paper", pixels=pixels)) if of_paper else steep(pixels, folder)
         begun = time.process_time()
@@ -267,20 +273,20 @@ def report(
         "angle up to which dots are good (`nolens measure field --dot-pitch`; ℓ1 by `--prior l1`),",
         "how many of all are, and processor seconds with the simulation.",
         "",
-        "| camera, pixels | simulated PSFs, error of the contrast | " + " | ".join(DOT_WAYS) + " |",
-        "|---" * (2 + len(DOT_WAYS)) + "|",
+        "| camera, pixels | PSFs of the simulation, their error | of the reconstruction | "
+        + " | ".join(DOT_WAYS)
+        + " |",
+        "|---" * (3 + len(DOT_WAYS)) + "|",
     ]
     for name, row in grids.items():
         cells = [
             f"{each['good_deg'] or 0:.1f}° ({each['good']:.0%}, {each['cpu_s']:.0f} s)"
             for each in map(row.__getitem__, DOT_WAYS)
         ]
-        (rows_read, columns_read), simulated = DOT_CAMERAS[name]
+        (rows_read, columns_read), simulated, several = DOT_CAMERAS[name]
         error = next(iter(row.values()))["field_error"] or 0.0
-        blend = f"{simulated}×{simulated}, {100 * error:.2g} %"
-        lines.append(
-            f"| {name}, {rows_read}×{columns_read} | {blend} | " + " | ".join(cells) + " |"
-        )
+        psfs = f"{simulated}×{simulated}, {100 * error:.2g} % | {several}×{several}"
+        lines.append(f"| {name}, {rows_read}×{columns_read} | {psfs} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
