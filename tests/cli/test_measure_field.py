@@ -205,6 +205,7 @@ def test_simulated_dots_are_found_again_in_their_picture(tmp_path: Path) -> None
     out = tmp_path / "dots.tif"
     done = run("measure", "field", "--simulate", "small", *grid, "--simulated-psfs", 5, "-o", out)
     assert done.code == 0 and "between 5×5 simulated PSFs the simulation is off by 0." in done.out
+    assert done.out.splitlines()[-2:] == [str(out), str(tmp_path / "dots.json")]
     told = json.loads((tmp_path / "dots.json").read_text())["result"]
     assert told["simulated_psfs"] == 5 and 0 < told["field_error"]["of_contrast"] < 0.01
     assert len(told["dots"]) == 13 and told["good_deg"] == pytest.approx(9.46, abs=0.1)

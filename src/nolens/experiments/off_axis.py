@@ -258,7 +258,8 @@ class FieldTarget:
         """PSFs along each side of what is blended."""
         if self.pitch_um is None:
             return 1
-        return self.simulated_psfs or field_points(self.extent_deg)
+        points = self.simulated_psfs
+        return field_points(self.extent_deg) if points is None else points
 
     def working_bytes(self, twin: Twin) -> float:
         """Bytes that the experiment holds at once, beside the relief.
