@@ -30,7 +30,7 @@ from nolens.solvers.scene_support import SupportChoice
 from nolens.solvers.split_admm import split_admm
 from nolens.solvers.stack import StackPrior, StackProblem, stack_bytes
 from nolens.solvers.stream import Frame, Live, Stream
-from nolens.solvers.wiener import wiener
+from nolens.solvers.wiener import circulant_wiener, wiener
 
 __all__ = [
     "L1",
@@ -71,6 +71,7 @@ __all__ = [
     "admm",
     "admm_bytes",
     "choose_psf",
+    "circulant_wiener",
     "deepinv_denoiser",
     "deepinv_physics",
     "fista",

@@ -22,7 +22,7 @@ from torch import Tensor
 from nolens.solvers.admm import start_run
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.wiener import wiener
+from nolens.solvers.wiener import LinearEstimate, circulant_wiener
 
 _SIDE = 4
 """Sensor pixels along a block that is left out."""
@@ -50,9 +50,12 @@ _LOOSENED = 0.4
 _QUIETEST = 1e-3
 """Noise of a pixel over the measurement's root mean square, below which none is measured: stored
 values and float32 are no finer."""
-_WIENER_WEIGHTS = tuple(3.0 * 0.3**step for step in range(8))
-_WIENER_FALLBACK = 0.3
-"""Weights of the filter, over the mean power of the PSF's transfer."""
+_SQUARES_BY_NOISE, _SQUARES_FROM, _SQUARES_AT_MOST = 0.005, 8.0, 10
+"""Weight of a scene's squared differences where only the noise is known, the first that is tried,
+and how many: over the square of the noise of a pixel in normalised units and of their number."""
+_CIRCULANT_WEIGHTS = tuple(3.0 * 0.3**step for step in range(8))
+_CIRCULANT_FALLBACK = 0.3
+"""Weights of the circulant filter, over the mean power of the PSF's transfer."""
 _SURE, _LIKELY = 3.0, 2.0
 """Standard errors by which a clearly better prediction is better, and one that is likely."""
 _BETTER = 0.75
@@ -347,11 +350,48 @@ def fit(problem: Problem, scene: Tensor) -> Prediction:
     return Prediction(size(residual), size(problem.data), pixel_noise(problem))
 
 
-def choose_wiener_weight(problem: Problem) -> Weight:
-    """The Wiener filter's weight with which left-out pixels are predicted best.
+def choose_wiener_weight(
+    problem: Problem, progress: Callable[[float], bool | None] | None = None
+) -> Weight:
+    """The weight of the scene of smallest squares with which left-out pixels are predicted best.
 
-    The filter takes a pixel that is not valid for dark; here left-out ones are the local mean of
-    those around them.
+    From a strong one they go down by factors of 4 until the prediction is worse; each scene starts
+    from the one before it. What a weak one has learnt of the noise it would not forget as quickly.
+
+    Parameters
+    ----------
+    problem
+        Whose weight does not matter.
+    progress
+        Called with the fraction that is done; stops by returning True.
+    """
+    noise = pixel_noise(problem)
+    of_noise = (noise * problem.data[0].numel()) ** 2
+    by_noise = Weight(_SQUARES_BY_NOISE * of_noise / problem.tau_unit, noise)
+    blocks = held_out_blocks(problem.valid)
+    if blocks is None:
+        return by_noise
+    held, fitted = _without(problem, blocks)
+    estimate = LinearEstimate(fitted)
+    errors: dict[float, Tensor] = {}
+    for number in range(_SQUARES_AT_MOST):
+        if progress is not None and progress(number / _SQUARES_AT_MOST):
+            return replace(by_noise, interrupted=True)
+        tau = _SQUARES_FROM * of_noise / _RATIO ** (2 * number)
+        estimate.solve(tau)
+        errors[tau] = prediction_errors(problem, estimate.scene, held, blocks)
+        best = min(errors.values(), key=lambda each: float(each.sum()))
+        excess, error = _apart(errors[tau], best)
+        if excess > error:
+            break
+    return weight_of_errors(problem, errors, noise, held, blocks)
+
+
+def choose_circulant_weight(problem: Problem) -> Weight:
+    """The same for `circulant_wiener`.
+
+    That takes a pixel that is not valid for dark; here left-out ones are the local mean of those
+    around them.
 
     Parameters
     ----------
@@ -361,13 +401,13 @@ def choose_wiener_weight(problem: Problem) -> Weight:
     noise = pixel_noise(problem)
     blocks = held_out_blocks(problem.valid)
     if blocks is None:
-        return Weight(_WIENER_FALLBACK / problem.tau_unit, noise)
+        return Weight(_CIRCULANT_FALLBACK / problem.tau_unit, noise)
     held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
     around = local_mean(problem.data, problem.valid & ~held)
     fitted = replace(problem, data=torch.where(held, around, problem.data))
     errors: dict[float, Tensor] = {}
-    for tau in _WIENER_WEIGHTS:
-        scene = wiener(replace(fitted, tau=tau)).scene / problem.scale
+    for tau in _CIRCULANT_WEIGHTS:
+        scene = circulant_wiener(replace(fitted, tau=tau)).scene / problem.scale
         errors[tau] = prediction_errors(problem, scene, held, blocks)
     return weight_of_errors(problem, errors, noise, held, blocks)
 
@@ -482,12 +522,7 @@ class _Path:
         progress: Callable[[float], bool | None] | None,
     ) -> None:
         self._problem, self._blocks = problem, blocks
-        self.held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
-        self._fitted = replace(
-            problem,
-            data=torch.where(self.held, 0, problem.data),
-            valid=problem.valid & ~self.held,
-        )
+        self.held, self._fitted = _without(problem, blocks)
         # A weight of zero would leave out the split.
         self._state = AdmmState.cold(replace(self._fitted, tau=1.0), penalties)
         self._balance, self._relaxation = balance, relaxation
@@ -555,6 +590,13 @@ class _Path:
     def scene(self) -> Tensor:
         """The scene so far, in normalised units."""
         return self._state.scene()
+
+
+def _without(problem: Problem, blocks: Tensor) -> tuple[Tensor, Problem]:
+    """Pixels of blocks, and the problem without them."""
+    held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
+    data = torch.where(held, 0, problem.data)
+    return held, replace(problem, data=data, valid=problem.valid & ~held)
 
 
 def pixels_of(blocks: Tensor, sensor: tuple[int, int]) -> Tensor:

@@ -82,7 +82,7 @@ class LinearStep:
         """Have the residual computed anew, of which steps lose a little each."""
         self._residual = None
 
-    def solve(self, target: Tensor, penalties: Penalties) -> None:
+    def solve(self, target: Tensor, penalties: Penalties, steps: int = _INNER) -> None:
         """Go nearer to the scene with Kv = A*b + target.
 
         Parameters
@@ -91,6 +91,8 @@ class LinearStep:
             Of the scene's shape.
         penalties
             μ₁, which does not matter, μ₂ and μ₃.
+        steps
+            Of conjugate gradients.
         """
         form, cosines = self._form, self._cosines
         inverse, matrix = self._circulant.inverse(penalties), cosines.matrix(penalties)
@@ -104,7 +106,7 @@ class LinearStep:
         self._vector = v = form.moved(self._vector, cosines.sum(amounts))
         residual -= cosines.image(amounts)
         direction = image = before = product = None
-        for _ in range(_INNER):
+        for _ in range(steps):
             left = form.adjoint(residual).add_(wanted).sub_(prior(v))
             ahead = form.filtered(left, inverse)
             missed = cosines.along(left) - cosines.along_prior(penalties, ahead)
@@ -117,6 +119,8 @@ class LinearStep:
                 ahead += cosines.sum(matrix.solve(missed - cosines.pulls @ ahead.flatten()))
                 light = self._light(ahead)
             slope = form.dot(left, ahead)
+            if float(slope) <= 0:
+                break  # Solved, as far as rounding goes.
             if direction is None or image is None or before is None:
                 direction, image = ahead, light
             else:
@@ -132,6 +136,17 @@ class LinearStep:
             length = float(form.dot(left, direction) / bend.clamp_min(_TINY))
             v.add_(direction, alpha=length)
             residual.sub_(image, alpha=length)
+
+    def objective(self, penalties: Penalties) -> float:
+        """½‖b − Av‖² + ½ vᵀPv; the scene with Kv = A*b has least.
+
+        Parameters
+        ----------
+        penalties
+            As `solve` takes them.
+        """
+        prior = self._form.dot(self._vector, self._form.prior(penalties)(self._vector))
+        return float(dot(self.residual, self.residual) + prior) / 2
 
     def _light(self, vector: Tensor) -> Tensor:
         """What counts of a vector's light on the sensor."""

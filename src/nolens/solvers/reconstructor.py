@@ -50,7 +50,7 @@ from nolens.solvers.scene_prior import ScenePrior, WeakerPrior, scene_prior, sol
 from nolens.solvers.scene_support import SupportChoice, choose_support, first_fit
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.trained_stream import TURNS, TrainedStream
-from nolens.solvers.wiener import wiener, wiener_bytes
+from nolens.solvers.wiener import squares_unit, wiener, wiener_bytes
 
 
 class Method(StrEnum):
@@ -61,9 +61,9 @@ class Method(StrEnum):
     WIENER = "wiener"
 
 
-SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
+SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 2}
 """How many times finer than what the PSF carries the pixels of the scene are worth to be: what is
-assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
+assumed of a scene finds edges between what the PSF carries, and squares hardly do."""
 _WEIGHT_FROM = 2_000_000
 """Sensor pixels from which on 3×3 of them are one while a weight is chosen for light from
 everywhere."""
@@ -262,7 +262,7 @@ class Reconstructor:
         values = channels * math.prod(sensor)
         copies = _COPIES_BYTES * values
         if self.method is Method.WIENER:
-            return wiener_bytes(pixels) + copies
+            return wiener_bytes(pixels, channels, values) + copies
         each = _FIELD_BYTES - (TRANSFER_BYTES if self.mapped else 0)
         field = each * points * pixels + copies
         if self.method is Method.FISTA:
@@ -320,13 +320,14 @@ class Reconstructor:
         """
         height, width = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
         by = 2 if height * width >= COARSEN_FROM else 1
-        if self.support is None and height * width >= _WEIGHT_FROM:
+        filters = self.method is Method.WIENER
+        if (self.support is None or filters) and height * width >= _WEIGHT_FROM:
             by = 3
         if by > 1 and self.network is None:
             by -= lost_detail(channels_of(self.psf, "PSF")) > _SHARP
         problem = replace(self, field_psf=None).coarse_problem(measured, valid, by)
-        if self.method is Method.WIENER:
-            return choose_wiener_weight(problem)
+        if filters:
+            return choose_wiener_weight(problem, progress)
         return choose_weight(
             problem,
             penalties=self.penalties,
@@ -346,8 +347,8 @@ class Reconstructor:
 
         Chosen on means over at most 4×4 pixels, so that a hundred thousand or more are left, and
         then at the edges that a photograph on these shows (`scene_edges`). Where it shows some, and
-        pixels are fewer than 4×4, one on the measurement's own tells them to the pixel. The Wiener
-        filter knows no support, and gets none.
+        pixels are fewer than 4×4, one on the measurement's own tells them to the pixel. For the
+        Wiener filter, which is quick, the brightest channel tells it alone.
 
         Parameters
         ----------
@@ -364,23 +365,25 @@ class Reconstructor:
         NolensError
             As `Problem.build`.
         """
+        seen, pixels = self, _SUPPORT_PIXELS
         if self.method is Method.WIENER:
-            return SupportChoice(None)
-        by = _support_by(measured, valid)
+            psf, measured, valid = _brightest(tensor_of(self.psf, "PSF"), measured, valid)
+            seen, pixels = replace(self, psf=psf), pixels // 3
+        by = _support_by(measured, valid, pixels)
         photo = _STOP[Method.ADMM]
         watch = None if progress is None else lambda _: progress(1.0)
 
         def photograph(
             support: PixelRectangle, side: int = by, stop: Stop = photo
         ) -> Tensor | None:
-            psf, data, usable = self._on_larger(measured, valid, side)
+            psf, data, usable = seen._on_larger(measured, valid, side)
             solver = Reconstructor(psf, support, tau=0.0, stop=stop, device=self.device)
             problem = solver.problem(data, usable)
             problem = problem.weighted(weight_by_noise(problem.by_channel).tau)
             result = solver.solve(problem, callback=watch)
             return None if result.stop_reason == "callback" else result.scene
 
-        psf, data, usable = self._on_larger(measured, valid, by)
+        psf, data, usable = seen._on_larger(measured, valid, by)
         larger = None if acceptance is None else acceptance.coarser(by)
         choice = choose_support(psf, data, usable, photograph, progress, larger).finer(by)
         if acceptance is not None and choice.acceptance is not None:
@@ -412,7 +415,7 @@ class Reconstructor:
         """
         by = _support_by(measured, valid)
         _, _, larger = first_fit(*self._on_larger(measured, valid, by), acceptance.coarser(by))
-        own = None if larger is None or self.method is Method.WIENER else acceptance
+        own = None if larger is None else acceptance
         return SupportChoice(own, acceptance=own)
 
     def _on_larger(
@@ -532,7 +535,7 @@ class Reconstructor:
             mapped=self.mapped,
         )
         if wiener_filter:
-            problem = replace(problem, tau_unit=problem.tau_unit**2)
+            problem = replace(problem, tau_unit=squares_unit(problem))
         problem = problem.weighted(weight_of(weight))
         return replace(problem, slow_light=not self._leaves_slow_light_out(problem))
 
@@ -573,7 +576,7 @@ class Reconstructor:
         problem = measured if isinstance(measured, Problem) else self.problem(measured, valid)
         prior = scene_prior(self.prior)
         if self.method is Method.WIENER:
-            return wiener(problem)
+            return self._filtered(problem)
         if isinstance(prior, PlugAndPlay):
             return self._with_network(prior, problem, state, callback)
         if isinstance(prior, Prior):
@@ -587,6 +590,14 @@ class Reconstructor:
         if first.stop_reason == "callback":
             return first
         return solve_with(prior, problem, first, stop, callback)
+
+    def _filtered(self, problem: Problem) -> Result:
+        """By the Wiener filter; of many pixels it goes on from the scene on larger ones."""
+        if math.prod(problem.forward.sensor) < COARSEN_FROM:
+            return wiener(problem)
+        coarse = self._coarse(problem)
+        first = self.coarser(problem.forward.sensor, coarse.by)._filtered(coarse.problem)
+        return wiener(problem, coarse.finer(first.scene, problem) / problem.scale)
 
     def takes_minutes(self, channels: int, sensor: tuple[int, int]) -> bool:
         """Whether it has a network, and more pixels than that is quick with.
@@ -771,11 +782,25 @@ def judged_side(sensor: tuple[int, int]) -> int:
     return math.ceil(math.sqrt(math.prod(sensor) / _JUDGED_PIXELS))
 
 
-def _support_by(measured: Measurement | Plane, valid: Plane | None) -> int:
-    """Pixels along a larger one, on which a support is chosen."""
+def _support_by(
+    measured: Measurement | Plane, valid: Plane | None, pixels: int = _SUPPORT_PIXELS
+) -> int:
+    """Pixels along a larger one, of which about so many are left to choose a support on."""
     values, _ = _parts(measured, valid)
-    pixels = channels_of(values, "measurement").numel()
-    return min(max(1, round(math.sqrt(pixels / _SUPPORT_PIXELS))), _SUPPORT_BY)
+    own = channels_of(values, "measurement").numel()
+    return min(max(1, round(math.sqrt(own / pixels))), _SUPPORT_BY)
+
+
+def _brightest(
+    psf: Plane, measured: Measurement | Plane, valid: Plane | None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """PSF, values and valid pixels of the channel with most light."""
+    values, usable = _parts(measured, valid)
+    psf, data = channels_of(psf, "PSF"), channels_of(values, "measurement")
+    valid = mask_of(usable, data)
+    channel = int(torch.where(valid, data, 0).square().sum((-2, -1)).argmax())
+    of_psf, own = channel % len(psf), slice(channel, channel + 1)
+    return psf[of_psf : of_psf + 1], data[own], valid[own]
 
 
 def _binned(measured: Measurement | Plane, valid: Plane | None, by: int) -> tuple[Tensor, Tensor]:

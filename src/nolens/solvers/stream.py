@@ -16,7 +16,7 @@ from nolens.solvers.data_step import data_step_start
 from nolens.solvers.inputs import Plane
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import STOPS, Progress, Quality, has_converged
-from nolens.solvers.wiener import wiener
+from nolens.solvers.wiener import circulant_wiener
 
 _WARM: Penalties = (1.0, 3.0, 1.0)
 """Penalties that a frame starts from: small enough to follow what moves (decision 7)."""
@@ -329,7 +329,7 @@ def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun | DataStepRu
     """A run that starts from what the Wiener filter makes of the measurement alone, as bright as
     explains it best: where the sensor misses much of the light the filter's picture is too dark.
     """
-    scene = wiener(replace(problem, tau=_WIENER_TAU)).scene / problem.scale
+    scene = circulant_wiener(replace(problem, tau=_WIENER_TAU)).scene / problem.scale
     light = torch.where(problem.valid, problem.forward(scene), 0)
     overlap, total = (light * problem.data).sum((-2, -1)), light.square().sum((-2, -1))
     brightness = (overlap / total.clamp_min(1e-30)).clamp_min(0)

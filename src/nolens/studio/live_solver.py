@@ -17,13 +17,13 @@ from nolens.solvers import (
     Method,
     Problem,
     Reconstructor,
-    wiener,
+    circulant_wiener,
 )
 from nolens.solvers.inputs import tensor_of
 from nolens.solvers.plug_and_play import PlugAndPlay
 from nolens.solvers.result import window_of
 from nolens.studio.live_stream import LiveStream
-from nolens.studio.live_weight import LiveWeight, live_weight
+from nolens.studio.live_weight import LiveWeight, circulant_unit
 from nolens.studio.schemas import Settings
 
 _MOST_ROWS = 400
@@ -132,14 +132,14 @@ class LiveSolver:
         values, valid = measurement.values, measurement.valid
         weight = self._weights.get(settings.method)
         if weight is None:
-            weight = live_weight(single, problem.by_channel, Method(settings.method))
+            weight = LiveWeight(single, problem.by_channel, Method(settings.method))
             self._weights[settings.method] = weight
         cuts = 0 if self._stream is None else self._stream.cuts
         tau = weight.follow(measurement, cuts, brightness) / settings.detail
         if settings.method == "wiener":
             self._stream = None
-            filtered = replace(problem.measuring(values, valid), tau=tau * problem.tau_unit**2)
-            result = wiener(filtered)
+            filtered = replace(problem.measuring(values, valid), tau=tau * circulant_unit(problem))
+            result = circulant_wiener(filtered)
             scene, iterations, prior = result.scene, result.iterations, {}
         else:
             stream = self._stream
@@ -191,7 +191,7 @@ class LiveSolver:
             single = whole.averaged(measurement.size)
             self._camera, self._problem = (whole, single), None
             for weight in self._weights.values():
-                weight.reconstructor = replace(single, method=weight.reconstructor.method)
+                weight.reconstructor = single
         if self._problem is None or self._frames != (*frames, over_field):
             self._problem = (whole if over_field else single).problem(measurement)
             self._frames, self._stream = (*frames, over_field), None

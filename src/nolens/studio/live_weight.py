@@ -8,7 +8,7 @@ from threading import Thread
 from nolens.camera import Measurement
 from nolens.errors import NolensError
 from nolens.solvers import Method, Problem, Reconstructor
-from nolens.solvers.held_out import choose_weight, choose_wiener_weight, weight_by_noise
+from nolens.solvers.held_out import choose_circulant_weight, choose_weight, weight_by_noise
 from nolens.solvers.stream import weight_to_follow
 
 _PIXELS = 50_000
@@ -31,16 +31,18 @@ class LiveWeight:
     Parameters
     ----------
     reconstructor
-        With the PSF, on the pixels of the live view; its method says which weight is chosen.
-        Another support takes effect with the next choice.
+        With the PSF, on the pixels of the live view. Another support takes effect with the next
+        choice.
     problem
         Of the first frame.
+    method
+        Whose weight is chosen: ADMM's, or that of the circulant Wiener filter.
     """
 
-    def __init__(self, reconstructor: Reconstructor, problem: Problem) -> None:
-        self.reconstructor = reconstructor
-        if reconstructor.method is Method.WIENER:
-            self.weight = _WIENER / problem.tau_unit
+    def __init__(self, reconstructor: Reconstructor, problem: Problem, method: Method) -> None:
+        self.reconstructor, self._filters = reconstructor, method is Method.WIENER
+        if self._filters:
+            self.weight = _WIENER / circulant_unit(problem)
         else:
             self.weight = weight_by_noise(problem).tau
         self.choices = 0
@@ -85,8 +87,12 @@ class LiveWeight:
         reconstructor = self.reconstructor
         try:
             problem = reconstructor.coarse_problem(measurement, by=by)
-            wiener = reconstructor.method is Method.WIENER
-            weight = (choose_wiener_weight if wiener else choose_weight)(problem)
+            if self._filters:
+                unit = circulant_unit(problem)
+                problem = replace(problem, tau_unit=unit, slow_light=True)
+                weight = choose_circulant_weight(problem)
+            else:
+                weight = choose_weight(problem)
         except (NolensError, ArithmeticError):
             return  # Another frame may be better; the weight so far stays.
         first = self.choices == 0
@@ -94,8 +100,6 @@ class LiveWeight:
         self.choices += 1
 
 
-def live_weight(reconstructor: Reconstructor, problem: Problem, method: Method) -> LiveWeight:
-    """Of a method; the problem is built for ADMM."""
-    if method is Method.WIENER:
-        problem = replace(problem, tau_unit=problem.tau_unit**2)
-    return LiveWeight(replace(reconstructor, method=method), problem)
+def circulant_unit(problem: Problem) -> float:
+    """`Problem.tau_unit` of a problem for ADMM, where squares are weighed."""
+    return problem.tau_unit**2
