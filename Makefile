@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test tests test-variants test-scico lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-priors bench-odd bench-dataset bench-batch training-photographs weights examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants test-scico lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-draft bench-model bench-priors bench-odd bench-dataset bench-batch training-photographs weights examples screenshots fuzz kill attack clean
 
 # deepinv without torchvision, whose build in the index does not load beside a torch without CUDA; its
 # tests do without. The others are what it asks for beyond the tests' own.
@@ -106,6 +106,10 @@ bench-stitch: $(STAMP)
 # real measurements, where they are: half an hour. Goes on where it was stopped.
 bench-default: $(STAMP)
 	$(BIN)/python bench/default.py --data $(DATA)
+
+# Drafts of the same simulated measurements beside photographs: a quarter of an hour.
+bench-draft: $(STAMP)
+	$(BIN)/python bench/draft.py
 
 # PSFs at several field points against one, in quality and cost: about half an hour.
 bench-model: $(STAMP)

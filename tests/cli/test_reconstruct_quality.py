@@ -58,7 +58,7 @@ def test_presets_cost_more_and_give_more(camera: Camera, tmp_path: Path) -> None
         assert result["method"] == methods[each]
         assert result["stop_reason"] == ("one shot" if each == "draft" else "converged")
     assert found["draft"][0] == 1 < found["photo"][0] < found["exact"][0]
-    assert found["draft"][1] < found["photo"][1]
+    assert found["photo"][1] - 6 < found["draft"][1] < found["photo"][1]
     assert found["exact"][1] > 40
 
 

@@ -20,7 +20,7 @@ StopReason = Literal["converged", "iteration limit", "callback", "one shot"]
 class Quality(StrEnum):
     """What a picture is for.
 
-    `DRAFT` is one pass of the Wiener filter; for the others ADMM goes on until a `Stop`.
+    `DRAFT` is by the Wiener filter; for the others ADMM goes on until a `Stop`.
     """
 
     DRAFT = "draft"

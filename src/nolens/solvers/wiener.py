@@ -150,7 +150,10 @@ def circulant_wiener(problem: Problem) -> Result:
 
 def _check_weight(problem: Problem) -> None:
     if problem.tau == 0:
-        raise DataError("tau is 0, and the Wiener filter then divides by zero; 0.01 to 1 is common")
+        raise DataError(
+            "tau is 0, and the Wiener filter then has no limit on what the PSF does not pass; give "
+            "a larger one, or none to have it chosen"
+        )
 
 
 def _result(problem: Problem, scene: Tensor, objective: float) -> Result:

@@ -204,7 +204,7 @@ class ReconstructOptions(JobOptions):
     quality: Annotated[
         Quality | None,
         Option(
-            "draft: at once, by one pass of the Wiener filter. photo: until the picture no longer "
+            "draft: soon, by the Wiener filter. photo: until the picture no longer "
             "changes visibly. exact: until all relative residuals are below 1e-4; slow.",
             default="photo",
             label="Quality",
