@@ -49,10 +49,11 @@ def measure(case: Case, camera: nl.Camera) -> Row:
 def page(rows: dict[Case, Row]) -> str:
     """Markdown of all."""
     lines = [
-        f"Made by `make bench-draft` on {describe()['cpu']}, one thread: the measurements of the table",
-        f"above, {len(rows)} of {len(CAMERAS) * len(PHOTOGRAPHS) * len(EXPOSURES)}, by "
-        "`--quality draft` and by default, each with its files alone. PSNR in dB,",
-        "mean and range over photographs and exposures; median of processor seconds.",
+        f"Made by `make bench-draft` on {describe()['cpu']}, one thread: the measurements of the",
+        f"table above, {len(rows)} of {len(CAMERAS) * len(PHOTOGRAPHS) * len(EXPOSURES)}, by "
+        "`--quality draft` and by default, each with its files",
+        "alone. PSNR in dB, mean and range over photographs and exposures; median of",
+        "processor seconds of draft and photo.",
         "",
         "| camera | draft | photo | seconds |",
         "|---|---|---|---|",
