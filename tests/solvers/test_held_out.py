@@ -13,8 +13,14 @@ from torch import Tensor
 
 from nolens.evaluate import psnr, scale_fit
 from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.solvers import Method, Prior, Problem, Reconstructor
-from nolens.solvers.held_out import box_mean, choose_weight, choose_wiener_weight, pixel_noise
+from nolens.solvers import Method, Prior, Problem, Reconstructor, circulant_wiener
+from nolens.solvers.held_out import (
+    box_mean,
+    choose_circulant_weight,
+    choose_weight,
+    choose_wiener_weight,
+    pixel_noise,
+)
 
 SENSOR = (192, 224)
 SUPPORT = PixelRectangle.centred(64, 64, SENSOR)
@@ -125,15 +131,36 @@ def test_a_weight_is_chosen_on_larger_pixels(monkeypatch: pytest.MonkeyPatch) ->
     assert replace(solver, prior="denoiser").choose_weight(data).tau == pytest.approx(coarse)
 
 
-def test_weight_of_the_wiener_filter_is_chosen() -> None:
+@pytest.mark.parametrize("noise", [0.0003, 0.01, 0.1])
+def test_weight_of_the_wiener_filter_is_chosen(noise: float) -> None:
+    """Of the circulant one, too, which is far behind: light falls beside the sensor."""
     psf, truth = mask_psf(), photograph()
-    data = measured(psf, truth, 0.01)
+    data = measured(psf, truth, noise)
     solver = Reconstructor(psf, SUPPORT, method=Method.WIENER)
-    steps = choose_wiener_weight(solver.problem(data)).steps
-    assert [step.tau for step in steps] == sorted((step.tau for step in steps), reverse=True)
+    problem = solver.problem(data)
+    chosen = choose_wiener_weight(problem)
+    taus = [step.tau for step in chosen.steps]
+    assert taus == sorted(taus, reverse=True)
+    reached = quality(solver, data, truth, chosen.tau)
+    assert reached > max(quality(solver, data, truth, chosen.tau * by) for by in (0.01, 100))
+    assert reached > max(quality(solver, data, truth, tau) for tau in taus) - 1
 
-    best = max(quality(solver, data, truth, step.tau) for step in steps)
-    assert quality(solver, data, truth, solver.choose_weight(data).tau) > best - 1
+    def by_circulant(weight: float) -> float:
+        scene = circulant_wiener(problem.weighted(weight)).scene
+        return psnr(scale_fit(scene, truth), truth, 1.0)
+
+    circulant = choose_circulant_weight(problem)
+    best = max(by_circulant(step.tau) for step in circulant.steps)
+    assert best - 1 < by_circulant(circulant.tau) <= best < reached - 1
+
+
+def test_a_weight_for_a_psf_that_errs_is_strong() -> None:
+    """Next to no noise: the noise's own weight would explain the model's error."""
+    psf, truth = mask_psf(), photograph()
+    data = measured(psf + 0.3 * psf.roll(3, -1), truth, 0.0001)
+    solver = Reconstructor(psf, SUPPORT, method=Method.WIENER)
+    prediction = choose_wiener_weight(solver.problem(data)).prediction
+    assert prediction is not None and prediction.unexplained < 0.3
 
 
 def test_where_there_is_nothing_to_choose_by() -> None:

@@ -53,6 +53,9 @@ values and float32 are no finer."""
 _SQUARES_BY_NOISE, _SQUARES_FROM, _SQUARES_AT_MOST = 0.005, 8.0, 10
 """Weight of a scene's squared differences where only the noise is known, the first that is tried,
 and how many: over the square of the noise of a pixel in normalised units and of their number."""
+_SOME, _HARDLY = 0.9, 1e-3
+"""Of the contrast, what is left unexplained where a weight of squares explains some of it, and what
+a weaker one has to explain more from there on: in next to no noise it is a little more and more."""
 _CIRCULANT_WEIGHTS = tuple(3.0 * 0.3**step for step in range(8))
 _CIRCULANT_FALLBACK = 0.3
 """Weights of the circulant filter, over the mean power of the PSF's transfer."""
@@ -355,8 +358,9 @@ def choose_wiener_weight(
 ) -> Weight:
     """The weight of the scene of smallest squares with which left-out pixels are predicted best.
 
-    From a strong one they go down by factors of 4 until the prediction is worse; each scene starts
-    from the one before it. What a weak one has learnt of the noise it would not forget as quickly.
+    From a strong one they go down by factors of 4 until the prediction is worse, or hardly better;
+    each scene starts from the one before it. What a weak one has learnt of the noise it would not
+    forget as quickly.
 
     Parameters
     ----------
@@ -373,17 +377,21 @@ def choose_wiener_weight(
         return by_noise
     held, fitted = _without(problem, blocks)
     estimate = LinearEstimate(fitted)
+    dark = prediction_errors(problem, problem.data.new_zeros(problem.scene_shape), held, blocks)
+    contrast = float(dark.mean())
     errors: dict[float, Tensor] = {}
+    least = contrast
     for number in range(_SQUARES_AT_MOST):
         if progress is not None and progress(number / _SQUARES_AT_MOST):
             return replace(by_noise, interrupted=True)
         tau = _SQUARES_FROM * of_noise / _RATIO ** (2 * number)
         estimate.solve(tau)
         errors[tau] = prediction_errors(problem, estimate.scene, held, blocks)
-        best = min(errors.values(), key=lambda each: float(each.sum()))
-        excess, error = _apart(errors[tau], best)
-        if excess > error:
+        gained = least - float(errors[tau].mean())
+        excess, error = _apart(errors[tau], min(errors.values(), key=lambda each: each.sum()))
+        if excess > error or (least < _SOME * contrast and gained < _HARDLY * contrast):
             break
+        least = min(least, float(errors[tau].mean()))
     return weight_of_errors(problem, errors, noise, held, blocks)
 
 
