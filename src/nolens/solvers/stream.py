@@ -326,8 +326,8 @@ def is_cut(residual: float, before: float) -> bool:
 
 
 def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun | DataStepRun:
-    """A run that starts from what the Wiener filter makes of the measurement alone, as bright as
-    explains it best: where the sensor misses much of the light the filter's picture is too dark.
+    """A run that starts from what the circulant Wiener filter makes of the measurement alone, as
+    bright as explains it best: where the sensor misses much light the filter's picture is too dark.
     """
     scene = circulant_wiener(replace(problem, tau=_WIENER_TAU)).scene / problem.scale
     light = torch.where(problem.valid, problem.forward(scene), 0)

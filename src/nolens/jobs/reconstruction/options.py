@@ -204,8 +204,8 @@ class ReconstructOptions(JobOptions):
     quality: Annotated[
         Quality | None,
         Option(
-            "draft: soon, by the Wiener filter. photo: until the picture no longer "
-            "changes visibly. exact: until all relative residuals are below 1e-4; slow.",
+            "draft: quick, by the Wiener filter. photo: until the picture no longer changes "
+            "visibly. exact: until all relative residuals are below 1e-4; slow.",
             default="photo",
             label="Quality",
         ),
