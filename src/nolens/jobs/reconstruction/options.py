@@ -317,7 +317,7 @@ class ReconstructOptions(JobOptions):
         Option(
             "Average N×N pixels into one.",
             INPUT,
-            default="what the PSF carries with draft, a quarter of that otherwise; 1 beside "
+            default="half of what the PSF carries with draft, a quarter otherwise; 1 beside "
             "a --support or --crop in pixels",
             label="Binning",
         ),
