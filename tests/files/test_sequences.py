@@ -86,6 +86,18 @@ def test_ome_tiff_and_imagej_by_their_axes(tmp_path):
         open_sequence(path)
 
 
+def test_channels_of_other_sizes_are_named(tmp_path):
+    path = tmp_path / "a.ome.tif"
+    tifffile.imwrite(path, FRAMES[:3], photometric="minisblack", metadata={"axes": "CYX"})
+    with tifffile.TiffFile(path) as file:
+        tag = file.pages[1].tags["ImageWidth"]
+    with path.open("r+b") as raw:
+        raw.seek(tag.valueoffset)
+        raw.write((16).to_bytes(2, "little"))
+    with pytest.raises(FileError, match=r"these have 20×16 and 20×32 pixels: they need one size"):
+        read_all(path)
+
+
 def test_imagej_stack_behind_one_directory(tmp_path):
     """As ImageJ writes more than 4 GB: all pages but the first have no directory."""
     path = tmp_path / "a.tif"

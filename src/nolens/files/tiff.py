@@ -90,6 +90,13 @@ def open_tiff_frames(path: Path, dataset: str | None) -> FrameSequence:
 def _read_frame(path: Path, frames: Sequence[tuple[int, ...]], number: int) -> Frame:
     samples = [read_tiff_samples(path, each) for each in frames[number]]
     values = [each.values[: len(each.values) - len(each.alphas)] for each in samples]
+    sizes = sorted({each.shape[1:] for each in values})
+    if len(sizes) > 1:
+        given = " and ".join(f"{height}×{width}" for height, width in sizes)
+        raise FileError(
+            f"{path} says that several of its pages are channels of one frame, and these have "
+            f"{given} pixels: they need one size. Copy it again from where it was made"
+        )
     source = str(path) if len(frames) == 1 else f"{path}#{number + 1}"
     frame = frame_from_array(values[0] if len(values) == 1 else np.concatenate(values), source)
     if frame.white is not None:
