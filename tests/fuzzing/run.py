@@ -53,6 +53,8 @@ class Fuzzer:
 
     def file(self, target: FileTarget, data: bytes, suffix: str | None = None) -> Outcome:
         """Run a target on one damaged file, with another suffix than its seed's if one is given."""
+        for before in self._folder.glob("bad.*"):  # A bad.toml would belong to a bad.mkv.
+            before.unlink()
         bad = self._folder / f"bad{suffix or target.suffix}"
         if target.in_folder:
             folder, name = target.seed.split("/")
@@ -152,7 +154,8 @@ def _round(fuzzer: Fuzzer, chance: random.Random, only: str, end: float) -> None
 
 def _check_seeds(folder: Path) -> list[str]:
     """Targets whose good file is refused: what is made of it would break nothing new."""
-    shutil.copytree("seeds", folder, dirs_exist_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree("seeds", folder)
     fuzzer = Fuzzer(folder, Path("failures").resolve())
     refused = []
     for target in FILES:
