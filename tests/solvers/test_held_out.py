@@ -14,13 +14,8 @@ from torch import Tensor
 from nolens.evaluate import psnr, scale_fit
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Method, Prior, Problem, Reconstructor, circulant_wiener
-from nolens.solvers.held_out import (
-    box_mean,
-    choose_circulant_weight,
-    choose_weight,
-    choose_wiener_weight,
-    pixel_noise,
-)
+from nolens.solvers.held_out import box_mean, choose_weight, pixel_noise
+from nolens.solvers.wiener_weight import choose_circulant_weight, choose_wiener_weight
 
 SENSOR = (192, 224)
 SUPPORT = PixelRectangle.centred(64, 64, SENSOR)

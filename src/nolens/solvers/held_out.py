@@ -22,7 +22,6 @@ from torch import Tensor
 from nolens.solvers.admm import start_run
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.wiener import LinearEstimate, circulant_wiener
 
 _SIDE = 4
 """Sensor pixels along a block that is left out."""
@@ -50,15 +49,6 @@ _LOOSENED = 0.4
 _QUIETEST = 1e-3
 """Noise of a pixel over the measurement's root mean square, below which none is measured: stored
 values and float32 are no finer."""
-_SQUARES_BY_NOISE, _SQUARES_FROM, _SQUARES_AT_MOST = 0.005, 8.0, 10
-"""Weight of a scene's squared differences where only the noise is known, the first that is tried,
-and how many: over the square of the noise of a pixel in normalised units and of their number."""
-_SOME, _HARDLY = 0.9, 1e-3
-"""Of the contrast, what is left unexplained where a weight of squares explains some of it, and what
-a weaker one has to explain more from there on: in next to no noise it is a little more and more."""
-_CIRCULANT_WEIGHTS = tuple(3.0 * 0.3**step for step in range(8))
-_CIRCULANT_FALLBACK = 0.3
-"""Weights of the circulant filter, over the mean power of the PSF's transfer."""
 _SURE, _LIKELY = 3.0, 2.0
 """Standard errors by which a clearly better prediction is better, and one that is likely."""
 _BETTER = 0.75
@@ -138,7 +128,7 @@ class Prediction:
 
     def excess(self, other: "Prediction") -> tuple[float, float]:
         """How much more is unexplained than by another of the same blocks; its standard error."""
-        return _apart(self.blocks, other.blocks)
+        return excess_of(self.blocks, other.blocks)
 
     def is_likely_better(self, other: "Prediction") -> bool:
         """Whether it explains the same blocks better, by two standard errors."""
@@ -153,7 +143,7 @@ class Prediction:
         """Whether it explains less than a fraction of what is not noise, by two standard errors."""
         noise = self.unexplained_by_noise
         rest = noise + (1 - fraction) * (1 - noise)
-        excess, error = _apart(self.blocks, rest * self.dark_blocks)
+        excess, error = excess_of(self.blocks, rest * self.dark_blocks)
         return excess > _LIKELY * error
 
     @property
@@ -353,73 +343,6 @@ def fit(problem: Problem, scene: Tensor) -> Prediction:
     return Prediction(size(residual), size(problem.data), pixel_noise(problem))
 
 
-def choose_wiener_weight(
-    problem: Problem, progress: Callable[[float], bool | None] | None = None
-) -> Weight:
-    """The weight of the scene of smallest squares with which left-out pixels are predicted best.
-
-    From a strong one they go down by factors of 4 until the prediction is worse, or hardly better;
-    each scene starts from the one before it. What a weak one has learnt of the noise it would not
-    forget as quickly.
-
-    Parameters
-    ----------
-    problem
-        Whose weight does not matter.
-    progress
-        Called with the fraction that is done; stops by returning True.
-    """
-    noise = pixel_noise(problem)
-    of_noise = (noise * problem.data[0].numel()) ** 2
-    by_noise = Weight(_SQUARES_BY_NOISE * of_noise / problem.tau_unit, noise)
-    blocks = held_out_blocks(problem.valid)
-    if blocks is None:
-        return by_noise
-    held, fitted = _without(problem, blocks)
-    estimate = LinearEstimate(fitted)
-    dark = prediction_errors(problem, problem.data.new_zeros(problem.scene_shape), held, blocks)
-    contrast = float(dark.mean())
-    errors: dict[float, Tensor] = {}
-    least = contrast
-    for number in range(_SQUARES_AT_MOST):
-        if progress is not None and progress(number / _SQUARES_AT_MOST):
-            return replace(by_noise, interrupted=True)
-        tau = _SQUARES_FROM * of_noise / _RATIO ** (2 * number)
-        estimate.solve(tau)
-        errors[tau] = prediction_errors(problem, estimate.scene, held, blocks)
-        gained = least - float(errors[tau].mean())
-        excess, error = _apart(errors[tau], min(errors.values(), key=lambda each: each.sum()))
-        if excess > error or (least < _SOME * contrast and gained < _HARDLY * contrast):
-            break
-        least = min(least, float(errors[tau].mean()))
-    return weight_of_errors(problem, errors, noise, held, blocks)
-
-
-def choose_circulant_weight(problem: Problem) -> Weight:
-    """The same for `circulant_wiener`.
-
-    That takes a pixel that is not valid for dark; here left-out ones are the local mean of those
-    around them.
-
-    Parameters
-    ----------
-    problem
-        Whose weight does not matter.
-    """
-    noise = pixel_noise(problem)
-    blocks = held_out_blocks(problem.valid)
-    if blocks is None:
-        return Weight(_CIRCULANT_FALLBACK / problem.tau_unit, noise)
-    held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
-    around = local_mean(problem.data, problem.valid & ~held)
-    fitted = replace(problem, data=torch.where(held, around, problem.data))
-    errors: dict[float, Tensor] = {}
-    for tau in _CIRCULANT_WEIGHTS:
-        scene = circulant_wiener(replace(fitted, tau=tau)).scene / problem.scale
-        errors[tau] = prediction_errors(problem, scene, held, blocks)
-    return weight_of_errors(problem, errors, noise, held, blocks)
-
-
 def pixel_noise(problem: Predicting) -> float:
     """Standard deviation of a pixel's white noise in normalised units, of all channels together.
 
@@ -511,7 +434,7 @@ def search_weight(
             tau *= factor
             if not try_weight(tau):
                 return tried, True
-            excess, error = _apart(tried[tau], tried[best()])
+            excess, error = excess_of(tried[tau], tried[best()])
             if tau != best() and excess > error:
                 break
     return tried, False
@@ -530,7 +453,7 @@ class _Path:
         progress: Callable[[float], bool | None] | None,
     ) -> None:
         self._problem, self._blocks = problem, blocks
-        self.held, self._fitted = _without(problem, blocks)
+        self.held, self._fitted = without_blocks(problem, blocks)
         # A weight of zero would leave out the split.
         self._state = AdmmState.cold(replace(self._fitted, tau=1.0), penalties)
         self._balance, self._relaxation = balance, relaxation
@@ -600,8 +523,8 @@ class _Path:
         return self._state.scene()
 
 
-def _without(problem: Problem, blocks: Tensor) -> tuple[Tensor, Problem]:
-    """Pixels of blocks, and the problem without them."""
+def without_blocks(problem: Problem, blocks: Tensor) -> tuple[Tensor, Problem]:
+    """Pixels of blocks, (height, width), and the problem without them."""
     held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
     data = torch.where(held, 0, problem.data)
     return held, replace(problem, data=data, valid=problem.valid & ~held)
@@ -667,12 +590,12 @@ def _sums_along(planes: Tensor, side: int, axis: int) -> Tensor:
 
 def are_likely_less(errors: Tensor, others: Tensor) -> bool:
     """Whether errors of blocks are less than others of the same blocks, by two standard errors."""
-    excess, error = _apart(others, errors)
+    excess, error = excess_of(others, errors)
     return excess > _LIKELY * error
 
 
-def _apart(errors: Tensor, best: Tensor) -> tuple[float, float]:
-    """Mean difference of the blocks' squared errors, and its standard error."""
+def excess_of(errors: Tensor, best: Tensor) -> tuple[float, float]:
+    """Mean difference of the blocks' squared errors from others', and its standard error."""
     apart = errors - best
     return float(apart.mean()), float(apart.std()) / math.sqrt(len(apart))
 
@@ -702,7 +625,7 @@ def _steps(errors: dict[float, Tensor], noise: float, unit: float) -> tuple[Weig
     least = float(best.mean())
     steps = []
     for tau in sorted(errors, reverse=True):
-        excess, error = _apart(errors[tau], best)
+        excess, error = excess_of(errors[tau], best)
         residual = math.sqrt(float(errors[tau].mean())) / noise
         steps.append(WeightStep(tau / unit, residual, excess / least, error / least))
     return tuple(steps)

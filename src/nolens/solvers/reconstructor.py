@@ -23,7 +23,6 @@ from nolens.solvers.held_out import (
     Prediction,
     Weight,
     choose_weight,
-    choose_wiener_weight,
     predict,
     weight_by_noise,
 )
@@ -51,6 +50,7 @@ from nolens.solvers.scene_support import SupportChoice, choose_support, first_fi
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.trained_stream import TURNS, TrainedStream
 from nolens.solvers.wiener import squares_unit, wiener, wiener_bytes
+from nolens.solvers.wiener_weight import choose_wiener_weight
 
 
 class Method(StrEnum):

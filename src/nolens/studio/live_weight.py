@@ -8,8 +8,9 @@ from threading import Thread
 from nolens.camera import Measurement
 from nolens.errors import NolensError
 from nolens.solvers import Method, Problem, Reconstructor
-from nolens.solvers.held_out import choose_circulant_weight, choose_weight, weight_by_noise
+from nolens.solvers.held_out import choose_weight, weight_by_noise
 from nolens.solvers.stream import weight_to_follow
+from nolens.solvers.wiener_weight import choose_circulant_weight
 
 _PIXELS = 50_000
 """Sensor pixels on which a weight is chosen: a second's work beside the live view."""
