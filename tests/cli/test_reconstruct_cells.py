@@ -63,8 +63,10 @@ def binned(picture: torch.Tensor) -> torch.Tensor:
     return torch.nn.functional.avg_pool2d(picture[None], SIDE)[0]
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_draft_loses_little_by_cells_half_as_large_as_carried(noise: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("noise", "loss_db"), [(0.0, 1.5), (0.01, 1.0)])
+def test_draft_loses_little_by_cells_half_as_large_as_carried(
+    noise: float, loss_db: float, tmp_path: Path
+) -> None:
     files = written(tmp_path, 2 * SIGMA)
     data = np.load(files["data"])
     seen = {**files, "data": tmp_path / "noisy.npy"}
@@ -81,7 +83,7 @@ def test_draft_loses_little_by_cells_half_as_large_as_carried(noise: float, tmp_
     assert pictures[0].shape == truth.shape
     # Each has a weight of its own, chosen on its pixels.
     reached = [psnr(scale_fit(each, truth), truth, 1.0) for each in pictures]
-    assert reached[0] > reached[1] - 1.5
+    assert reached[0] > max(reached[1] - loss_db, 18.5)
 
 
 def test_photo_keeps_cells_that_the_prior_can_use(files: dict[str, Path], tmp_path: Path) -> None:
