@@ -64,12 +64,12 @@ class LiveWeight:
         brightness
             Exposure time times gain.
         """
-        thread, now = self._thread, time.monotonic()
+        thread, now, weight = self._thread, time.monotonic(), self.weight
         if (thread is None or not thread.is_alive()) and self._is_due(now, cuts, brightness):
             self._begun_s, self._about = now, (cuts, brightness)
             self._thread = Thread(target=self._choose, args=(measurement,), daemon=True)
             self._thread.start()
-        return self.weight
+        return weight  # That before, however quick the thread is.
 
     def wait(self) -> None:
         """Until the choice that is being made is there."""
