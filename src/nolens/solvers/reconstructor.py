@@ -348,7 +348,8 @@ class Reconstructor:
         Chosen on means over at most 4×4 pixels, so that a hundred thousand or more are left, and
         then at the edges that a photograph on these shows (`scene_edges`). Where it shows some, and
         pixels are fewer than 4×4, one on the measurement's own tells them to the pixel. For the
-        Wiener filter, which is quick, the brightest channel tells it alone.
+        Wiener filter, which is quick, larger pixels of the brightest channel tell it; of all
+        channels where that shows none.
 
         Parameters
         ----------
@@ -365,10 +366,26 @@ class Reconstructor:
         NolensError
             As `Problem.build`.
         """
-        seen, pixels = self, _SUPPORT_PIXELS
-        if self.method is Method.WIENER:
-            psf, measured, valid = _brightest(tensor_of(self.psf, "PSF"), measured, valid)
-            seen, pixels = replace(self, psf=psf), pixels // 3
+        if self.method is not Method.WIENER:
+            return self._support(measured, valid, progress, acceptance, _SUPPORT_PIXELS)
+        pixels = _SUPPORT_PIXELS // 3
+        psf, brightest, usable = _brightest(tensor_of(self.psf, "PSF"), measured, valid)
+        alone = replace(self, psf=psf)._support(brightest, usable, progress, acceptance, pixels)
+        channels = len(channels_of(_parts(measured, valid)[0], "measurement"))
+        unclear = alone.support is None or alone.is_acceptance
+        if channels == 1 or alone.interrupted or not unclear:
+            return alone
+        return self._support(measured, valid, progress, acceptance, pixels)
+
+    def _support(
+        self,
+        measured: Measurement | Plane,
+        valid: Plane | None,
+        progress: Callable[[float], bool | None] | None,
+        acceptance: PixelRectangle | None,
+        pixels: int,
+    ) -> SupportChoice:
+        """The same, on so many pixels of all channels at least."""
         by = _support_by(measured, valid, pixels)
         photo = _STOP[Method.ADMM]
         watch = None if progress is None else lambda _: progress(1.0)
@@ -376,14 +393,14 @@ class Reconstructor:
         def photograph(
             support: PixelRectangle, side: int = by, stop: Stop = photo
         ) -> Tensor | None:
-            psf, data, usable = seen._on_larger(measured, valid, side)
+            psf, data, usable = self._on_larger(measured, valid, side)
             solver = Reconstructor(psf, support, tau=0.0, stop=stop, device=self.device)
             problem = solver.problem(data, usable)
             problem = problem.weighted(weight_by_noise(problem.by_channel).tau)
             result = solver.solve(problem, callback=watch)
             return None if result.stop_reason == "callback" else result.scene
 
-        psf, data, usable = seen._on_larger(measured, valid, by)
+        psf, data, usable = self._on_larger(measured, valid, by)
         larger = None if acceptance is None else acceptance.coarser(by)
         choice = choose_support(psf, data, usable, photograph, progress, larger).finer(by)
         if acceptance is not None and choice.acceptance is not None:
