@@ -230,6 +230,10 @@ def test_simulated_dots_are_found_again_in_their_picture(tmp_path: Path) -> None
             ("--simulate", "small", "--dot-pitch", "20mm", "--simulated-psfs", "4"),
             ("4 field points", "an odd number"),
         ),
+        (
+            ("--simulate", "paper", "--dot-pitch", "60mm", "--field-points", "101"),
+            ("of memory, and the machine has", "fewer PSFs (--field-points)"),
+        ),
         (("--simulate", "small", "--dot-pitch", "20"), ("20 has no unit",)),
         (("--simulate", "small", "--dot-pitch", "20mm", "--angles", "0deg"), ("two things",)),
         (

@@ -65,6 +65,7 @@ Target = Literal["siemens", "edge", "two-points"]
 _SPOKES, _TILT_DEG = 36, 5.0
 _ANGLES = tuple(f"{5 * number}deg" for number in range(11))
 _REMEDY = "a smaller angle or a camera that reads fewer pixels"
+_REMEDY_OF_PSFS = "fewer PSFs (field_points) or a camera that reads fewer pixels"
 
 
 def psnr(picture: Image | Plane, truth: Image | Plane) -> float:
@@ -410,7 +411,8 @@ def measure_field(
         one_of(Prior, prior, "prior"),
         simulated_psfs,
     )
-    twin = twin_of(source, target.working_bytes(source.preview), _REMEDY)
+    remedy = _REMEDY if dot_pitch is None or field_points == 1 else _REMEDY_OF_PSFS
+    twin = twin_of(source, target.working_bytes(source.preview), remedy)
     experiment = VirtualExperiment(twin, Light("white-led"), field_points=target.field_points)
     with reported(progress, "PSFs" if dot_pitch is None else "dots") as advance:
         field = target.measure(experiment, seed, advance)

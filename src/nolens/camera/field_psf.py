@@ -48,11 +48,19 @@ class FieldPsf:
             As above.
         """
         size = [max(plane.shape[axis] for plane in planes) for axis in (-2, -1)]
-        values = torch.stack([around_middle(plane, size) for plane in planes])
-        light = values.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64)
-        middle = light[cls(values, places).middle]
+        values = planes[0].new_empty((len(planes), planes[0].shape[0], *size))
+        light = torch.empty((*values.shape[:2], 1, 1), dtype=torch.float64, device=values.device)
+        # One by one: of hundreds of PSFs a copy is gigabytes.
+        for plane, own, power in zip(planes, values, light, strict=True):
+            own.copy_(around_middle(plane, size))
+            power.copy_(own.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64))
+        field_psf = cls(values, places)
         least = torch.finfo(values.dtype).tiny
-        return cls(values * (middle / light.clamp_min(least)).to(values), places)
+        for own, factor in zip(
+            values, light[field_psf.middle] / light.clamp_min(least), strict=True
+        ):
+            own.mul_(factor.to(values))
+        return field_psf
 
     @property
     def points(self) -> int:

@@ -9,13 +9,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from nolens.camera import FieldPsf
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import Angles, Dot, Spot, angles_of, brightest_places, grade, spots_at
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource, Stack
 from nolens.progress import ProgressCallback, within
-from nolens.solvers import Prior
+from nolens.solvers import Prior, Reconstructor
 from nolens.twin import (
     LARGEST_ANGLE_DEG,
     FieldMap,
@@ -43,6 +44,8 @@ _ITERATIONS, _FIELD_ITERATIONS = 300, 60
 _FIELD_STEP_DEG = 12.5
 _BYTES_PER_PIXEL = 8 * 12
 """Of the sensor: frame, scene and what ADMM works on."""
+_MAKING_BYTES = 8
+"""Per value of the PSFs over the field: each as it was made, and beside the others."""
 
 
 @dataclass(frozen=True)
@@ -510,16 +513,31 @@ def dot_grid(
     )
 
 
-def dot_grid_bytes(twin: Twin, extent_deg: float, distance_um: float, points: int) -> float:
-    """Bytes that a grid of dots up to a half angle holds at once, beside the relief.
+def dot_grid_bytes(
+    twin: Twin,
+    *,
+    pitch_um: float,
+    distance_um: float,
+    extent_deg: float,
+    simulated_psfs: int,
+    psf_points: int,
+) -> float:
+    """Bytes that `dot_grid` holds at once, beside the relief.
 
-    The PSFs of so many field points along a side have one sample to the pixel, and are wider than
-    the sensor by a part of the support.
+    The simulation's PSFs have one sample to the pixel, and are wider than the sensor by a part of
+    the support; those that the picture is reconstructed with are kept, all of them.
+
+    Parameters
+    ----------
+    twin, pitch_um, distance_um, extent_deg, psf_points
+        As `dot_grid` takes them; a preview of the camera will do.
+    simulated_psfs
+        Along each side of the field.
     """
     sensor = twin.camera.sensor
     farthest = PointSource((0.0, math.tan(math.radians(extent_deg))), distance_um)
     shift = twin.shift_um(PointSource(farthest.tangent))[1] / twin.pixel_um
-    more = math.ceil(4 * shift / max(points - 1, 1))
+    more = math.ceil(4 * shift / max(simulated_psfs - 1, 1))
     psf = polychromatic_psf_bytes(
         twin,
         farthest,
@@ -528,7 +546,17 @@ def dot_grid_bytes(twin: Twin, extent_deg: float, distance_um: float, points: in
         at_least=1,
         shortest=shortest_nm(colours_of(twin, Light("white-led"), 1)),
     )
-    return psf + _BYTES_PER_PIXEL * sensor.rows * sensor.columns
+    frame = _BYTES_PER_PIXEL * sensor.rows * sensor.columns
+    if psf_points == 1:
+        return psf + frame
+    support, channels = _map_of(twin, extent_deg, pitch_um / distance_um).support, sensor.channels
+    shape = (psf_points**2, len(channels), *twin.psf_shape(support))
+    several = FieldPsf(torch.empty(shape, device="meta"), torch.zeros(shape[0], 2))
+    solver = Reconstructor(several.values[0], support, 0.0, field_psf=several)
+    solver = solver.for_iterations(_FIELD_ITERATIONS)
+    return frame + max(
+        psf + _MAKING_BYTES * math.prod(shape), solver.working_bytes(shape[1], twin.shape)
+    )
 
 
 def field_points(extent_deg: float) -> int:

@@ -274,7 +274,14 @@ class FieldTarget:
         twin.check_source(farthest)
         if self.pitch_um is None:
             return _off_axis_bytes(twin, farthest, len(self.angles_deg))
-        return dot_grid_bytes(twin, largest_deg, self.distance_um, self.field_points)
+        return dot_grid_bytes(
+            twin,
+            pitch_um=self.pitch_um,
+            distance_um=self.distance_um,
+            extent_deg=self.extent_deg,
+            simulated_psfs=self.field_points,
+            psf_points=self.psf_points,
+        )
 
     def measure(
         self, experiment: VirtualExperiment, seed: int, progress: ProgressCallback

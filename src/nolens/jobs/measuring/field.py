@@ -42,6 +42,7 @@ from nolens.solvers import Prior
 from nolens.twin import Light, distance_um, preview_model
 
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
+_REMEDY_OF_PSFS = "fewer PSFs (--field-points) or a camera with fewer pixels need less"
 
 
 _OPTIONS = {
@@ -345,7 +346,8 @@ def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[Fie
         options.simulated_psfs,
     )
     working = target.working_bytes(preview_model(loaded))
-    twin = run.twin(loaded, working, _REMEDY)
+    several = target.pitch_um is not None and target.psf_points > 1
+    twin = run.twin(loaded, working, _REMEDY_OF_PSFS if several else _REMEDY)
     experiment = VirtualExperiment(twin, Light("white-led"), field_points=target.field_points)
     field = target.measure(experiment, options.seed, partial(run.reporter.advance, str(target)))
     if field.grid is not None:
