@@ -313,7 +313,7 @@ def test_is_found_on_coarse_pixels_in_all_channels() -> None:
     choice = Reconstructor(psf).choose_support(data)
     assert choice.support is not None and holds(choice.support, 64, 80, 64, 64)
     assert choice.steps and holds(choice.steps[-1].support, 64, 80, 64, 64)
-    # The Wiener filter, which is quick, asks the brightest channel alone, and all where it has none.
+    # The Wiener filter, which is quick, asks the brightest channel, and all where that has none.
     even = 1 + 0.1 * torch.randn(1, *SENSOR)
     for measurement in (data, torch.cat([even, 0.8 * data[:1], 0.8 * data[:1]])):
         quick = Reconstructor(psf, method=Method.WIENER).choose_support(measurement).support
