@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
+from torch import Tensor
+
 from nolens.solvers.objective import solve
 from nolens.solvers.problem import Problem
 from nolens.solvers.proximal_gradient import ProximalGradientRun
@@ -22,6 +24,7 @@ def fista(
     *,
     iterations: int = 200,
     tolerance: float = 1e-4,
+    start: Tensor | None = None,
     callback: Callback | None = None,
 ) -> Result:
     r"""Minimise ½‖b − CMv‖² + τ R(v), v ≥ 0, by FISTA (`beck2009`).
@@ -37,6 +40,9 @@ def fista(
         Limit, ≥ 1.
     tolerance
         Stops when ‖v − v_before‖ ≤ tolerance · ‖v‖. 0 runs to the limit.
+    start
+        Scene in normalised units, (channels, height, width); None for a dark one, from which what
+        the PSF hardly carries takes thousands of iterations.
     callback
         Called after every iteration; stops the run by returning True.
 
@@ -51,7 +57,7 @@ def fista(
     run = ProximalGradientRun(
         [data.parts],
         others,
-        problem.data.new_zeros(problem.scene_shape),
+        problem.data.new_zeros(problem.scene_shape) if start is None else start,
         problem.forward.norm_bound**2,
         restart=False,
         backtracking=False,

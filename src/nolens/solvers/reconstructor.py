@@ -50,7 +50,7 @@ from nolens.solvers.scene_support import SupportChoice, choose_support, first_fi
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.trained_stream import TURNS, TrainedStream
 from nolens.solvers.wiener import squares_unit, wiener, wiener_bytes
-from nolens.solvers.wiener_weight import choose_wiener_weight
+from nolens.solvers.wiener_weight import choose_wiener_weight, likely_scene
 
 
 class Method(StrEnum):
@@ -91,7 +91,7 @@ _ROUGH = 3.0
 """What a photo's tolerance is multiplied by where only the scene's edges are asked for."""
 _STOP = {
     Method.ADMM: STOPS[Quality.PHOTO],
-    Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, low_frequency=False),
+    Method.FISTA: Stop(300, tolerance=2e-5, scene_tolerance=0.0, low_frequency=False),
     Method.WIENER: Stop(1, tolerance=0.0, scene_tolerance=0.0, low_frequency=False),
 }
 
@@ -685,7 +685,11 @@ class Reconstructor:
         stop = self.limits
         if self.method is Method.FISTA:
             return fista(
-                problem, iterations=stop.iterations, tolerance=stop.tolerance, callback=callback
+                problem,
+                iterations=stop.iterations,
+                tolerance=stop.tolerance,
+                start=likely_scene(problem),
+                callback=callback,
             )
         if self._photo_starts_coarse(problem):
             return self._from_coarse(problem, state or AdmmState.cold(problem), callback)

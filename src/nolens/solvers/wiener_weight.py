@@ -18,7 +18,7 @@ from nolens.solvers.held_out import (
     without_blocks,
 )
 from nolens.solvers.problem import Problem
-from nolens.solvers.wiener import LinearEstimate, circulant_wiener
+from nolens.solvers.wiener import LinearEstimate, circulant_wiener, wiener
 
 _SQUARES_BY_NOISE, _SQUARES_FROM, _SQUARES_AT_MOST = 0.005, 8.0, 10
 """Weight of a scene's squared differences where only the noise is known, the first that is tried,
@@ -50,7 +50,7 @@ def choose_wiener_weight(
         Called with the fraction that is done; stops by returning True.
     """
     noise = pixel_noise(problem)
-    of_noise = (noise * problem.data[0].numel()) ** 2
+    of_noise = _squared(noise, problem)
     by_noise = Weight(_SQUARES_BY_NOISE * of_noise / problem.tau_unit, noise)
     blocks = held_out_blocks(problem.valid)
     if blocks is None:
@@ -75,8 +75,25 @@ def choose_wiener_weight(
     return weight_of_errors(problem, errors, noise, held, blocks)
 
 
+def likely_scene(problem: Problem) -> Tensor:
+    """The scene of smallest squares that the noise asks for, in normalised units, at once.
+
+    Parameters
+    ----------
+    problem
+        Whose prior and weight do not matter.
+    """
+    tau = _SQUARES_BY_NOISE * _squared(pixel_noise(problem), problem)
+    return wiener(replace(problem, tau=tau)).scene / problem.scale
+
+
+def _squared(noise: float, problem: Problem) -> float:
+    """Of a pixel's noise and the number of pixels, what weights of squares are in parts of."""
+    return (noise * problem.data[0].numel()) ** 2
+
+
 def choose_circulant_weight(problem: Problem) -> Weight:
-    """The same for `circulant_wiener`.
+    """As `choose_wiener_weight`, for `circulant_wiener`.
 
     That takes a pixel that is not valid for dark; here left-out ones are the local mean of those
     around them.
