@@ -225,7 +225,8 @@ def test_images_of_cosines_without_a_support_are_few_waves(slow_light):
     problem = replace(pose(case).problem, slow_light=slow_light)
     rows, columns = (slow_cosines(side).float() for side in problem.scene_shape[1:])
     light = list(problem.forward.of_products(rows, columns))
-    images, waves = _Images(problem, iter(light)), _WaveImages(problem, iter(light))
+    images = _Images(problem, iter(light), len(light))
+    waves = _WaveImages(problem, iter(light))
     image, amounts = problem.counted(torch.rand(1, 30, 34)), torch.rand(9)
     for one, other in (
         (images.gram, waves.gram),

@@ -63,11 +63,11 @@ class Measurement:
         """Height and width in pixels, as text for messages."""
         return size_text(self.values)
 
-    @property
+    @functools.cached_property
     def brightest(self) -> int:
         """Number of the channel that carries most, from 0."""
-        values = torch.where(self.valid, self.values, 0)
-        return int(values.square().sum(dim=(-2, -1)).argmax())
+        rows = torch.linalg.vector_norm(torch.where(self.valid, self.values, 0), dim=-1)
+        return int(rows.square().sum(dim=-1).argmax())
 
 
 def develop(
@@ -169,12 +169,12 @@ def saturation_count(frame: Frame) -> float:
     top = float(frame.counts.max())
     if top >= stated:
         return stated
-    at_top = int((frame.counts == top).sum())
+    at_top = int((frame.counts == top).count_nonzero())
     # Frames of a few levels have most pixels at one of them.
     if at_top < _PILED or at_top > frame.counts.numel() / 2:
         return stated
     below = frame.counts[frame.counts < top].max()
-    return top if at_top > _PILE_RATIO * int((frame.counts == below).sum()) else stated
+    return top if at_top > _PILE_RATIO * int((frame.counts == below).count_nonzero()) else stated
 
 
 def dark_corner(frame: Frame) -> float:

@@ -138,7 +138,7 @@ def _below_zero(values: Tensor) -> Tensor:
     the pixels around the median are surely in their mean, as light is not, that mean is the zero.
     """
     planes = values.flatten(1)
-    if not ((planes < 0).sum(dim=1) > planes.shape[1] / 2).any():
+    if not any(int((each < 0).count_nonzero()) > planes.shape[1] / 2 for each in planes):
         return planes.new_zeros(())  # No median is: sorting all values takes much longer.
     beside = (planes - planes.median(dim=1, keepdim=True).values).abs()
     deviation = 1.4826 * beside.median(dim=1, keepdim=True).values
@@ -319,14 +319,14 @@ def _check_light(psf: Measurement, values: Tensor) -> None:
 def _psf_warnings(psf: Measurement, values: Tensor) -> list[str]:
     """Sentences, one for each warning of a PSF alone; `values` are on the pixels that are used."""
     texts = []
-    saturated = float((~psf.valid).float().mean())
+    saturated = 1 - int(psf.valid.count_nonzero()) / psf.valid.numel()
     if saturated > _SATURATED_FRACTION:
         texts.append(
             f"{100 * saturated:.2g} % of the PSF {psf.source} is saturated, and its peaks are "
             "cut off there: a shorter exposure of the point source gives a better picture"
         )
     # Where no light falls, half of the noise is negative.
-    noise = 2 * float(values.clamp(max=0).square().sum() / values.square().sum())
+    noise = 2 * float(values.clamp(max=0).norm() / values.norm()) ** 2
     if noise > _NOISY:
         texts.append(
             f"{percent(noise)} of the power of the PSF {psf.source} is noise, or its black level "

@@ -372,10 +372,12 @@ def _least_noise(problem: Predicting) -> float:
 
 
 def _noise(data: Tensor, valid: Tensor) -> float:
-    usable = valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]
     mixed = data[:-1, :-1] - data[1:, :-1] - data[:-1, 1:] + data[1:, 1:]
-    sizes = mixed[usable].abs()
-    sizes = sizes[:: max(1, sizes.numel() // _SAMPLES)]
+    if bool(valid.all()):
+        usable = mixed.flatten()
+    else:
+        usable = mixed[valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]]
+    sizes = usable[:: max(1, usable.numel() // _SAMPLES)].abs()
     if not sizes.numel():
         return 0.0
     # Half of what the mean says is a floor: values of a few levels can have a median of zero.

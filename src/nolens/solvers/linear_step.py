@@ -98,25 +98,35 @@ class LinearStep:
         inverse, matrix = self._circulant.inverse(penalties), cosines.matrix(penalties)
         prior = form.prior(penalties)
         wanted, residual = form.vector(target), self.residual
+        pulls, pull = cosines.pulls, None
+        if pulls is None:
+            asked = cosines.along_image(residual)
+        else:
+            pull = form.adjoint(residual)
+            asked = cosines.along(pull)
         amounts = matrix.solve(
-            cosines.along_image(residual)
-            + cosines.along(wanted)
-            - cosines.along_prior(penalties, self._vector)
+            asked + cosines.along(wanted) - cosines.along_prior(penalties, self._vector)
         )
-        self._vector = v = form.moved(self._vector, cosines.sum(amounts))
-        residual -= cosines.image(amounts)
+        step = cosines.sum(amounts)
+        self._vector = v = form.moved(self._vector, step)
+        if pulls is None or pull is None:
+            residual -= cosines.image(amounts)
+        else:
+            residual -= self._light(step)
+            pull -= (amounts @ pulls).view_as(pull)
         direction = image = before = product = None
         for _ in range(steps):
-            left = form.adjoint(residual).add_(wanted).sub_(prior(v))
+            left = form.adjoint(residual) if pull is None else pull
+            left, pull = left.add_(wanted).sub_(prior(v)), None
             ahead = form.filtered(left, inverse)
             missed = cosines.along(left) - cosines.along_prior(penalties, ahead)
-            if cosines.pulls is None:
+            if pulls is None:
                 light = self._light(ahead)
                 amounts = matrix.solve(missed - cosines.along_image(light))
                 ahead += cosines.sum(amounts)
                 light += cosines.image(amounts)
             else:
-                ahead += cosines.sum(matrix.solve(missed - cosines.pulls @ ahead.flatten()))
+                ahead += cosines.sum(matrix.solve(missed - pulls @ ahead.flatten()))
                 light = self._light(ahead)
             slope = form.dot(left, ahead)
             if float(slope) <= 0:
@@ -198,9 +208,9 @@ class _Pixels:
         """Inner products with the products of rows and columns that `waves` made."""
         return rows @ vector[0] @ columns.T
 
-    def images(self, problem: Problem, light: Iterator[Tensor]) -> "_Images":
+    def images(self, problem: Problem, light: Iterator[Tensor], count: int) -> "_Images":
         """Images of cosines, from their light on the sensor."""
-        return _Images(problem, light)
+        return _Images(problem, light, count)
 
     def dot(self, x: Tensor, y: Tensor) -> Tensor:
         """Inner product of the scenes; float64."""
@@ -250,24 +260,31 @@ class _Images:
         That says what counts.
     light
         Of one after the other, (1, height, width).
+    count
+        How many there are.
 
     Attributes
     ----------
     gram
         Inner products of all pairs; float64.
+    pulls
+        M*C* of each, (number, pixels), where the scene has fewer pixels than the sensor: the images
+        are then not kept.
     """
 
-    def __init__(self, problem: Problem, light: Iterator[Tensor]) -> None:
-        self._problem = problem
-        self._images = torch.cat([problem.counted(each) for each in light])
-        self.gram = gram(self._images.flatten(1))
+    pulls: Tensor | None = None
 
-    def pulls(self) -> Tensor | None:
-        """M*C* of each, (number, pixels), where the scene has fewer pixels than the sensor."""
-        if math.prod(self._problem.scene_shape[1:]) >= self._images[0].numel():
-            return None
-        forward = self._problem.forward
-        return torch.stack([forward.adjoint(each[None]).flatten() for each in self._images])
+    def __init__(self, problem: Problem, light: Iterator[Tensor], count: int) -> None:
+        # In place, as together they are many times the measurement.
+        images = problem.data.new_empty((count, *problem.data.shape[1:]))
+        for image, each in zip(images, light, strict=True):
+            image.copy_(problem.counted(each)[0])
+        self.gram = gram(images.flatten(1))
+        if math.prod(problem.scene_shape[1:]) < images[0].numel():
+            adjoint = problem.forward.adjoint
+            self.pulls = torch.stack([adjoint(each[None]).flatten() for each in images])
+        else:
+            self._images = images
 
     def along(self, image: Tensor) -> Tensor:
         """Inner products with what counts of an image."""
@@ -303,9 +320,6 @@ class _WaveImages(_Images):
         image = self._problem.counted((rows.T @ part @ columns)[None])[0]
         products: Tensor = torch.tensordot(parts, rows @ image @ columns.T, dims=2)
         return products
-
-    def pulls(self) -> None:
-        """None: the scene has more pixels than the sensor."""
 
     def along(self, image: Tensor) -> Tensor:
         """Inner products with what counts of an image."""
@@ -351,7 +365,7 @@ class _Spectrum(_Pixels):
         weights[[0, -1]] /= 2
         return (rows.conj() @ vector[0] @ (weights * columns.conj()).T).real
 
-    def images(self, problem: Problem, light: Iterator[Tensor]) -> _Images:
+    def images(self, problem: Problem, light: Iterator[Tensor], count: int) -> _Images:
         """Images of cosines, from their light on the sensor."""
         return _WaveImages(problem, light)
 
@@ -474,8 +488,9 @@ class _Cosines:
     def measure(self, problem: Problem) -> None:
         """See them by what counts of a measurement."""
         light = problem.forward.of_products(self._rows, self._columns)
-        self._images = self._form.images(problem, light)
-        self._gram, self.pulls = self._images.gram, self._images.pulls()
+        count = len(self._rows) * len(self._columns)
+        self._images = self._form.images(problem, light, count)
+        self._gram, self.pulls = self._images.gram, self._images.pulls
 
     def matrix(self, penalties: Penalties) -> "_Coarse":
         """The matrix in the space of the cosines."""

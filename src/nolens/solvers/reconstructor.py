@@ -302,9 +302,9 @@ class Reconstructor:
         """The weight of the prior, by pixels of a measurement that are left out of the fit.
 
         Of a measurement of many pixels 2×2 are taken as one, which takes a quarter of the time
-        and finds the same weight, and of one of millions 3×3 where light may come from everywhere;
-        through a PSF that is too sharp for these, fewer, unless a network goes on from there
-        (decision 13).
+        and finds the same weight, and of one of millions 3×3 where light may come from everywhere,
+        or a network goes on from there; through a PSF that is too sharp for these, fewer (decision
+        13).
 
         Parameters
         ----------
@@ -320,11 +320,15 @@ class Reconstructor:
         """
         height, width = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
         by = 2 if height * width >= COARSEN_FROM else 1
+        many, follows = height * width >= _WEIGHT_FROM, self.network is not None
         filters = self.method is Method.WIENER
-        if (self.support is None or filters) and height * width >= _WEIGHT_FROM:
+        everywhere = self.support is None or filters
+        asked = by > 1 and (not follows or (many and not everywhere))
+        sharp = asked and lost_detail(channels_of(self.psf, "PSF")) > _SHARP
+        if many and (everywhere or (follows and not sharp)):
             by = 3
-        if by > 1 and self.network is None:
-            by -= lost_detail(channels_of(self.psf, "PSF")) > _SHARP
+        if not follows:
+            by -= sharp
         problem = replace(self, field_psf=None).coarse_problem(measured, valid, by)
         if filters:
             return choose_wiener_weight(problem, progress)
