@@ -62,6 +62,9 @@ def test_without_a_terminal_the_time_to_go_is_told_by_the_pace(
         for done in range(21):  # The first step is slow.
             reporter.step("step", done, 20, "the PSF")
             now += 60.0 if done else 600.0
+        for done in range(0, 101, 50):
+            reporter.step("% of the sweep", done, 100, "the pictures")
+            now += 200.0
     assert stream.getvalue().replace("nolens: ", "").splitlines() == [
         "scene: about 7 min to go",
         "scene: about 3 min to go",
@@ -73,6 +76,7 @@ def test_without_a_terminal_the_time_to_go_is_told_by_the_pace(
         "step 16/20: about 6 min to go",
         "step 18/20: about 3 min to go",
         "step 19/20: about 88 s to go",
+        "50 % of the sweep: about 3 min to go",
     ]
 
 

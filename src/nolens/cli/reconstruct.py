@@ -60,8 +60,9 @@ def _with_psfs(text: str, summary: dict[str, Any]) -> str:
 
 def _sweep_line(row: dict[str, Any]) -> str:
     """A picture of a sweep, and the option that gives it alone."""
-    steps = f"{row['iterations']} iterations ({row['stop_reason']})"
-    return f"{row['file']}: {row['text']}, tau {row['tau']:.3g}, {steps}"
+    steps = f", {row['iterations']} iterations ({row['stop_reason']})"
+    steps = "" if row["stop_reason"] == "one shot" else steps
+    return f"{row['file']}: {row['text']}, tau {row['tau']:.3g}{steps}"
 
 
 reconstruct = command(reconstruct_job, _lines, name="reconstruct")

@@ -83,8 +83,11 @@ class TerminalReporter(Reporter):
 
     def step(self, what: str, done: int, limit: int, result: str, state: str = "") -> bool:
         """Show how many steps are done; True if the person wants to stop and keep what there is."""
-        self._promise = f"stopping after this {what}; {result} so far will be written"
-        self._show(what, f"{what} {done}/{limit}", state, done, limit)
+        percent = what.startswith("%")
+        ending = "soon" if percent else f"after this {what}"
+        self._promise = f"stopping {ending}; {result} so far will be written"
+        text = f"{done} {what}" if percent else f"{what} {done}/{limit}"
+        self._show(what, text, state, done, limit)
         return self.interrupted
 
     def _show(self, work: str, text: str, state: str, done: float, total: float) -> None:

@@ -220,9 +220,10 @@ class Report:
         points = f"{self.field_points} PSFs over the field, " if self.field_points > 1 else ""
         if self.left_out:
             points = f"one PSF, as {self.left_out} over the field explain less, "
+        steps = f"{self.iterations} iterations ({self.stop_reason}), "
+        steps = "" if self.stop_reason == "one shot" else steps
         return (
-            f"{self.method}, {points}{self.iterations} iterations ({self.stop_reason}), "
-            f"τ {self.tau:.3g}{automatic}, {time} on {self.device}"
+            f"{self.method}, {points}{steps}τ {self.tau:.3g}{automatic}, {time} on {self.device}"
         )
 
 

@@ -111,8 +111,9 @@ export function progressText(job) {
   if (job.status === "cancelled") return "Cancelled";
   if (job.status !== "running") return "";
   const { what, done, limit, seconds_left } = job.progress ?? {};
-  const steps = done && limit ? ` ${done} of ${limit}` : "";
   const rest = typeof seconds_left === "number" && seconds_left >= 1 ? ` · ${left(seconds_left)}` : "";
+  if (what?.startsWith("%")) return `${done ?? 0} ${what}${rest}`;
+  const steps = done && limit ? ` ${done} of ${limit}` : "";
   return `${what ?? "Working"}${steps}${rest}`;
 }
 
