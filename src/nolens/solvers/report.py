@@ -222,9 +222,7 @@ class Report:
             points = f"one PSF, as {self.left_out} over the field explain less, "
         steps = f"{self.iterations} iterations ({self.stop_reason}), "
         steps = "" if self.stop_reason == "one shot" else steps
-        return (
-            f"{self.method}, {points}{steps}τ {self.tau:.3g}{automatic}, {time} on {self.device}"
-        )
+        return f"{self.method}, {points}{steps}τ {self.tau:.3g}{automatic}, {time} on {self.device}"
 
 
 def _reason(result: Result) -> str:
