@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nolens.camera import arrange_rgb, exposure_white, linear_from_srgb, srgb_from_linear
+from nolens.camera.values import squares
 from nolens.errors import DataError
 
 
@@ -58,3 +59,9 @@ def test_channels_go_where_a_picture_has_them():
         arrange_rgb(torch.stack([b, r]), ("B", "R")), torch.stack([r, torch.zeros_like(g), b])
     )
     assert torch.equal(arrange_rgb(torch.stack([r, g, b]), ("R", "G", "B")), torch.stack([r, g, b]))
+
+
+def test_squares_of_many_values_are_exact():
+    planes = 3 + torch.rand((2, 1000, 2000), generator=torch.manual_seed(0))
+    exact = planes.double().square().sum(dim=(-2, -1))
+    torch.testing.assert_close(squares(planes), exact, rtol=1e-7, atol=0)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nolens.camera.frame import Frame, size_text
 from nolens.camera.part import Counts
-from nolens.camera.values import arrange_rgb, unusable
+from nolens.camera.values import arrange_rgb, squares, unusable
 from nolens.errors import DataError, OptionError
 
 BlackLevel = Counts | Literal["auto"] | None
@@ -66,8 +66,7 @@ class Measurement:
     @functools.cached_property
     def brightest(self) -> int:
         """Number of the channel that carries most, from 0."""
-        rows = torch.linalg.vector_norm(torch.where(self.valid, self.values, 0), dim=-1)
-        return int(rows.square().sum(dim=-1).argmax())
+        return int(squares(torch.where(self.valid, self.values, 0)).argmax())
 
 
 def develop(

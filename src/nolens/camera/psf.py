@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nolens.amounts import percent
 from nolens.camera.measurement import Measurement, bin_mean, darkest_corner
+from nolens.camera.values import squares
 from nolens.errors import DataError, OptionError
 
 _SATURATED_FRACTION = 1e-3
@@ -326,7 +327,7 @@ def _psf_warnings(psf: Measurement, values: Tensor) -> list[str]:
             "cut off there: a shorter exposure of the point source gives a better picture"
         )
     # Where no light falls, half of the noise is negative.
-    noise = 2 * float(values.clamp(max=0).norm() / values.norm()) ** 2
+    noise = 2 * float(squares(values.clamp(max=0)).sum() / squares(values).sum())
     if noise > _NOISY:
         texts.append(
             f"{percent(noise)} of the power of the PSF {psf.source} is noise, or its black level "

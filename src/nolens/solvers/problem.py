@@ -10,7 +10,7 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.camera import FieldPsf
-from nolens.camera.values import all_finite
+from nolens.camera.values import all_finite, squares
 from nolens.errors import DataError, OptionError
 from nolens.operators import (
     CroppedConvolution,
@@ -214,10 +214,8 @@ class Problem:
         """
         ones = self.data.new_ones(self.scene_shape)
         glow = torch.where(self.valid, self.forward(ones), 0)
-        # Rows first, as all values in float64 take many times the time.
         overlap = (glow * self.data).sum(dim=-1).double().sum(dim=-1)
-        power = torch.linalg.vector_norm(glow, dim=-1).double().square().sum(dim=-1)
-        levels = overlap / power.clamp_min(1e-300)
+        levels = overlap / squares(glow).clamp_min(1e-300)
         explained = float((levels * overlap).mean())  # of ‖b‖² = 1
         return levels.tolist() if explained > _UNIFORM else [0.0] * self.channels
 
@@ -362,9 +360,7 @@ class Problem:
             Of this scene, where it is known.
         """
         left = self.residual(scene) if residual is None else residual
-        # Norms of rows are exact enough, and take a fortieth of the time of squares in float64.
-        rows = torch.linalg.vector_norm(left, dim=-1).double()
-        value = 0.5 * rows.square().sum() + self.tau * self.regulariser(scene)
+        value = 0.5 * squares(left).sum() + self.tau * self.regulariser(scene)
         return float(value) / self.channels
 
     def regulariser(self, scene: Tensor) -> Tensor:
