@@ -191,12 +191,16 @@ def test_a_large_photo_starts_from_larger_pixels(
 def test_light_from_everywhere_is_solved_on_larger_pixels(
     large: tuple[Reconstructor, Problem], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Down to the largest, where it goes on for long; one check on its own pixels is all."""
+    """Down to the largest, smaller than a photo of one's own starts there, where it goes on for
+    long; one check on its own pixels is all.
+    """
     solver, problem = large
     solver = replace(solver, support=None)
     problem = solver.problem(problem.data * problem.scale * problem.psf_norm)
     smaller = problem.padded_pixels / 4
-    monkeypatch.setattr("nolens.solvers.reconstructor._PHOTO_FROM", 0.9 * smaller)
+    monkeypatch.setattr("nolens.solvers.reconstructor._PHOTO_FROM", problem.padded_pixels)
+    monkeypatch.setattr("nolens.solvers.reconstructor._LARGER_FROM", 0.9 * smaller)
+    monkeypatch.setattr("nolens.solvers.coarse._TOLERATED", smaller)
     runs: list[tuple[int, dict[str, Any]]] = []
 
     def run(pixels: Problem, **options: Any) -> Result:

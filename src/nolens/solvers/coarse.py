@@ -14,9 +14,10 @@ from nolens.solvers.result import Result, Stop
 
 _ROUGH, _REFINED = 1.5, 2.0
 """What a photo's tolerance is multiplied by on larger pixels, and on its own after those."""
-_LARGEST = 0.25
-"""The same on the largest pixels where light may come from everywhere: iterations are cheap there.
-On those between it is 1, and on the measurement's own one check is all (decision 26)."""
+_TOLERATED = 2_400_000
+"""Padded pixels on which that is 1 where light may come from everywhere; it is less on larger
+pixels, whose iterations take less time, by the root of their number. On the measurement's own one
+check is all (decision 26)."""
 
 _TAKEN_UP = 5.0
 """The model's error over what a photograph leaves of it, squared."""
@@ -162,40 +163,42 @@ def lost_detail(psf: Tensor) -> float:
     return float((1 - 4 * kept / power.clamp_min(1e-30)).max())
 
 
-def stop_on_larger(photo: Stop, *, everywhere: bool, largest: bool) -> Stop:
+def stop_on_larger(photo: Stop, problem: Problem, *, largest: bool) -> Stop:
     """When a photo ends on larger pixels; some iterations stay for those that follow.
 
     Parameters
     ----------
     photo
         When it ends that starts from there.
-    everywhere
-        Whether light may come from everywhere.
+    problem
+        On larger pixels.
     largest
         Whether it starts from no larger ones itself.
     """
-    if not everywhere:
+    if problem.forward.support is not None:
         return replace(photo, scene_tolerance=_ROUGH * photo.scene_tolerance)
-    if not largest:
-        return photo
-    tolerance = _LARGEST * photo.scene_tolerance
-    return replace(photo, iterations=photo.iterations // 2, scene_tolerance=tolerance)
+    return _tolerant(photo, problem) if largest else photo
 
 
-def stop_after_larger(photo: Stop, *, everywhere: bool, own: bool) -> Stop:
+def stop_after_larger(photo: Stop, problem: Problem, *, own: bool) -> Stop:
     """When a photo ends that starts from one on larger pixels.
 
     Parameters
     ----------
     photo
         When it would end else.
-    everywhere
-        Whether light may come from everywhere.
+    problem
+        To be solved.
     own
         Whether its pixels are the measurement's.
     """
-    if not everywhere:
+    if problem.forward.support is not None:
         return replace(photo, scene_tolerance=_REFINED * photo.scene_tolerance)
-    if own:
-        return replace(photo, scene_tolerance=math.inf)
-    return replace(photo, iterations=3 * photo.iterations // 4)
+    more = replace(photo, iterations=2 * photo.iterations)  # Those on larger pixels count.
+    return replace(more, scene_tolerance=math.inf) if own else _tolerant(more, problem)
+
+
+def _tolerant(photo: Stop, problem: Problem) -> Stop:
+    """A photo's end where light may come from everywhere, on larger pixels."""
+    factor = math.sqrt(problem.padded_pixels / _TOLERATED)
+    return replace(photo, scene_tolerance=factor * photo.scene_tolerance)

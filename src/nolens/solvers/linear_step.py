@@ -426,7 +426,9 @@ class _Circulant:
         self._geometry = problem.forward.geometry
         self._steps = tuple(each.to(problem.data) for each in steps_power(*self._geometry.padded))
         power = problem.forward.power
-        energy = irfft2(power.to(torch.complex64), self._geometry.padded)[0, 0, 0]
+        # Frequencies but the first and the last stand for their negatives, too.
+        total = 2 * power.sum() - power[..., 0].sum() - power[..., -1].sum()
+        energy = total / math.prod(self._geometry.padded)
         self._data = power.mul_(_fraction_on_sensor(problem) / energy)
 
     def inverse(self, penalties: Penalties) -> Tensor:

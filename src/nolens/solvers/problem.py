@@ -212,8 +212,9 @@ class Problem:
 
         Where it explains most of the measurement, the scene fills the view.
         """
-        ones = self.data.new_ones(self.scene_shape)
-        glow = torch.where(self.valid, self.forward(ones), 0)
+        even = (self.data.new_ones(1, side) for side in self.scene_shape[1:])
+        (light,) = self.forward.of_products(*even)
+        glow = torch.where(self.valid, light, 0)
         overlap = (glow * self.data).sum(dim=-1).double().sum(dim=-1)
         levels = overlap / squares(glow).clamp_min(1e-300)
         explained = float((levels * overlap).mean())  # of ‖b‖² = 1

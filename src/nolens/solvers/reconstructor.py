@@ -76,6 +76,8 @@ _COARSE = 2
 """Pixels along each that become one where a photograph starts from one on larger pixels."""
 _PHOTO_FROM = 3_000_000
 """`Problem.padded_pixels` from which on a photograph by total variation does."""
+_LARGER_FROM = 600_000
+"""The same of one that is on larger pixels itself, where light may come from everywhere."""
 _BEFORE_TURNS = 3.0
 """What it is multiplied by where turns of a network on larger pixels follow, of many."""
 _FIELD_BYTES = 10
@@ -650,7 +652,7 @@ class Reconstructor:
         coarse = self._coarse(problem)
         rougher = _BEFORE_TURNS if takes_few_turns(problem) else 1
         stop = replace(self.limits, scene_tolerance=rougher * self.limits.scene_tolerance)
-        first = self._coarse_photograph(coarse, problem, stop, callback)
+        first = self._coarse_photograph(coarse, problem, stop, callback, _PHOTO_FROM)
         if first.stop_reason == "callback":
             return coarse.finer_result(first, problem)
         return network.solve(problem, first, callback, coarse)
@@ -662,9 +664,17 @@ class Reconstructor:
         return Coarse(replace(coarse, prior=problem.prior, slow_light=problem.slow_light), _COARSE)
 
     def _coarse_photograph(
-        self, coarse: Coarse, problem: Problem, stop: Stop, callback: Callback | None
+        self,
+        coarse: Coarse,
+        problem: Problem,
+        stop: Stop,
+        callback: Callback | None,
+        many: int,
     ) -> Result:
-        """A photograph on larger pixels; the callback sees it on the problem's."""
+        """A photograph on larger pixels; the callback sees it on the problem's.
+
+        From `many` padded pixels on it starts from still larger ones.
+        """
 
         def seen(progress: Progress) -> bool | None:
             assert callback is not None
@@ -677,7 +687,7 @@ class Reconstructor:
 
         smaller = replace(self.coarser(problem.forward.sensor, coarse.by), stop=stop)
         watch = None if callback is None else seen
-        if smaller._photo_starts_coarse(coarse.problem):
+        if smaller._photo_starts_coarse(coarse.problem, many):
             state = AdmmState.cold(coarse.problem)
             return smaller._from_coarse(coarse.problem, state, watch, own=False)
         return smaller._minimum(coarse.problem, None, watch)
@@ -695,11 +705,11 @@ class Reconstructor:
                 start=likely_scene(problem),
                 callback=callback,
             )
-        if self._photo_starts_coarse(problem):
+        if self._photo_starts_coarse(problem, _PHOTO_FROM):
             return self._from_coarse(problem, state or AdmmState.cold(problem), callback)
         return self._admm(problem, state, callback)
 
-    def _photo_starts_coarse(self, problem: Problem) -> bool:
+    def _photo_starts_coarse(self, problem: Problem, many: int) -> bool:
         """Whether a photo by ADMM starts from one on larger pixels: of many pixels, where the scene
         fills the view and one PSF stands for all, and with nothing stated of how it goes.
         """
@@ -708,7 +718,7 @@ class Reconstructor:
             photo, scene_tolerance=limits.scene_tolerance
         )
         stated = self.penalties is not None or self.balance is None
-        large = problem.padded_pixels >= _PHOTO_FROM
+        large = problem.padded_pixels >= many
         return large and usual and not stated and not problem.slow_light
 
     def _from_coarse(
@@ -726,8 +736,7 @@ class Reconstructor:
             before = first.history
             del first  # Its scene.
         release_memory()
-        everywhere = problem.forward.support is None
-        stop = stop_after_larger(self.limits, everywhere=everywhere, own=own)
+        stop = stop_after_larger(self.limits, problem, own=own)
         result = replace(self, stop=stop)._admm(problem, state, callback)
         return replace(result, history=[*before, *result.history])
 
@@ -737,9 +746,10 @@ class Reconstructor:
         """Have a state start from a photo on larger pixels; that photo, on the problem's."""
         coarse, everywhere = self._coarse(problem), problem.forward.support is None
         smaller = self.coarser(problem.forward.sensor, coarse.by)
-        largest = not smaller._photo_starts_coarse(coarse.problem)
-        stop = stop_on_larger(self.limits, everywhere=everywhere, largest=largest)
-        first = self._coarse_photograph(coarse, problem, stop, callback)
+        many = _LARGER_FROM if everywhere else _PHOTO_FROM
+        largest = not smaller._photo_starts_coarse(coarse.problem, many)
+        stop = stop_on_larger(self.limits, coarse.problem, largest=largest)
+        first = self._coarse_photograph(coarse, problem, stop, callback, many)
         finer = coarse.finer_result(first, problem)
         if first.stop_reason != "callback":
             state.move(problem, finer.scene / problem.scale)
