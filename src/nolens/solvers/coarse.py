@@ -14,10 +14,10 @@ from nolens.solvers.result import Result, Stop
 
 _ROUGH, _REFINED = 1.5, 2.0
 """What a photo's tolerance is multiplied by on larger pixels, and on its own after those."""
-_TOLERATED = 2_400_000
-"""Padded pixels on which that is 1 where light may come from everywhere; it is less on larger
-pixels, whose iterations take less time, by the root of their number. On the measurement's own one
-check is all (decision 26)."""
+_LARGEST, _TOLERATED = 0.25, 2_400_000
+"""The same on the largest pixels where light may come from everywhere, and padded pixels of those
+that follow from which on it is 1: below it is the root of their number over these, as iterations
+there take little time. On the measurement's own one check is all (decision 26)."""
 
 _TAKEN_UP = 5.0
 """The model's error over what a photograph leaves of it, squared."""
@@ -177,7 +177,7 @@ def stop_on_larger(photo: Stop, problem: Problem, *, largest: bool) -> Stop:
     """
     if problem.forward.support is not None:
         return replace(photo, scene_tolerance=_ROUGH * photo.scene_tolerance)
-    return _tolerant(photo, problem) if largest else photo
+    return replace(photo, scene_tolerance=_LARGEST * photo.scene_tolerance) if largest else photo
 
 
 def stop_after_larger(photo: Stop, problem: Problem, *, own: bool) -> Stop:
@@ -194,11 +194,6 @@ def stop_after_larger(photo: Stop, problem: Problem, *, own: bool) -> Stop:
     """
     if problem.forward.support is not None:
         return replace(photo, scene_tolerance=_REFINED * photo.scene_tolerance)
-    more = replace(photo, iterations=2 * photo.iterations)  # Those on larger pixels count.
-    return replace(more, scene_tolerance=math.inf) if own else _tolerant(more, problem)
-
-
-def _tolerant(photo: Stop, problem: Problem) -> Stop:
-    """A photo's end where light may come from everywhere, on larger pixels."""
-    factor = math.sqrt(problem.padded_pixels / _TOLERATED)
-    return replace(photo, scene_tolerance=factor * photo.scene_tolerance)
+    factor = math.inf if own else min(1.0, math.sqrt(problem.padded_pixels / _TOLERATED))
+    iterations = 2 * photo.iterations  # Those on larger pixels count.
+    return replace(photo, iterations=iterations, scene_tolerance=factor * photo.scene_tolerance)

@@ -78,6 +78,9 @@ _PHOTO_FROM = 3_000_000
 """`Problem.padded_pixels` from which on a photograph by total variation does."""
 _LARGER_FROM = 600_000
 """The same of one that is on larger pixels itself, where light may come from everywhere."""
+_BLURRED = 0.6
+"""Of a PSF's detail, how much is lost on pixels that no photograph is worth on: lines through the
+sensor's middle come of it."""
 _BEFORE_TURNS = 3.0
 """What it is multiplied by where turns of a network on larger pixels follow, of many."""
 _FIELD_BYTES = 10
@@ -746,7 +749,8 @@ class Reconstructor:
         """Have a state start from a photo on larger pixels; that photo, on the problem's."""
         coarse, everywhere = self._coarse(problem), problem.forward.support is None
         smaller = self.coarser(problem.forward.sensor, coarse.by)
-        many = _LARGER_FROM if everywhere else _PHOTO_FROM
+        further = everywhere and lost_detail(channels_of(smaller.psf, "PSF")) < _BLURRED
+        many = _LARGER_FROM if further else _PHOTO_FROM
         largest = not smaller._photo_starts_coarse(coarse.problem, many)
         stop = stop_on_larger(self.limits, coarse.problem, largest=largest)
         first = self._coarse_photograph(coarse, problem, stop, callback, many)
