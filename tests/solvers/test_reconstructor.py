@@ -208,13 +208,19 @@ def test_light_from_everywhere_is_solved_on_larger_pixels(
         return admm(pixels, **options)
 
     monkeypatch.setattr("nolens.solvers.reconstructor.admm", run)
-    photo = solver.solve(problem)
+    limits = list[int]()
+    photo = solver.solve(problem, callback=lambda progress: limits.append(progress.end(4)))
     (largest, first), (between, second), (own, last) = runs
     assert 3 < between / largest < 5 and 3 < own / between < 5 and own == problem.padded_pixels
     assert first["scene_tolerance"] < second["scene_tolerance"] < last["scene_tolerance"]
     iterations = [row["iteration"] for row in photo.history]
     assert photo.stop_reason == "converged" and iterations[-1] - iterations[-2] == 4
+    assert all(limit >= row for limit, row in zip(limits, iterations, strict=True))
     assert problem.objective(photo.scene / problem.scale) < problem.objective(0 * photo.scene) / 9
+    runs.clear()
+    dots = replace(solver, psf=spots(143, 171))  # On 4×4 pixels nothing is left of their detail.
+    dots.solve(problem.data * problem.scale * problem.psf_norm)
+    assert [pixels for pixels, _ in runs] == [between, own]
 
 
 def test_a_large_photo_can_be_stopped_on_larger_pixels(

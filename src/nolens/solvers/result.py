@@ -92,6 +92,16 @@ class Progress:
                 f"{self.penalties}); start from smaller penalties or a relaxation nearer 1"
             )
 
+    def end(self, limit: int) -> int:
+        """The iteration at which the run will end: as its checks predict, or else at its limit.
+
+        Parameters
+        ----------
+        limit
+            Of the run; where iterations on larger pixels count, there can be more.
+        """
+        return max(self.iteration, self.expected or limit)
+
     @property
     def residual(self) -> float:
         """The larger of the two residuals."""

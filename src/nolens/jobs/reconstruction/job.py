@@ -108,7 +108,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
     about["tau"] = tau = setup.tau
 
     def watch(progress: Progress) -> bool:
-        return run.reporter.progress(progress, progress.expected or stop.iterations)
+        return run.reporter.progress(progress, progress.end(stop.iterations))
 
     result = reconstructor.solve(problem, state=state, callback=watch)
     picture = setup.picture(result.scene)
@@ -242,7 +242,7 @@ def _sweep(run: Run[ReconstructOptions], setup: Setup, own: SweptPicture) -> lis
 def _watch_sweep(
     run: Run[ReconstructOptions], number: int, count: int, stop: Stop, progress: Progress
 ) -> bool:
-    fraction = (number + progress.iteration / (progress.expected or stop.iterations)) / count
+    fraction = (number + progress.iteration / progress.end(stop.iterations)) / count
     return run.reporter.step("% of the sweep", round(100 * fraction), 100, "the pictures")
 
 
