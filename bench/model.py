@@ -53,6 +53,7 @@ WAYS = {
     "9 captured PSFs": "colour-tv",
     "25 PSFs": "colour-tv",
     "9 PSFs, trained prior": "denoiser",
+    "9 captured PSFs, trained prior": "denoiser",
 }
 """Priors of the ways that photographs are reconstructed by."""
 SCENES = {"astronaut": "60deg", "chelsea": "50deg"}
@@ -109,14 +110,19 @@ def pictures(camera: nl.Camera, photograph: str, angle: str, path: Path) -> None
     shot = nl.simulate(getattr(data, photograph)(), camera, angle=angle, field_points=7)
     psfs = nl.psf(camera, "300mm", support=shot.support, wavelengths=1, field_points=5)
     one = replace(psfs, field_psf=None)
+
+    def of_captures() -> Path:
+        return captured(camera, angles_deg(angle, photograph), path.with_suffix(""))
+
     ways: tuple[Callable[[], Psf | Path], ...] = (
         lambda: one,
         lambda: one,
         lambda: among(psfs, [0, 4, 12, 20, 24]),
         lambda: among(psfs, MIDDLE),
-        lambda: captured(camera, angles_deg(angle, photograph), path.with_suffix("")),
+        of_captures,
         lambda: psfs,
         lambda: among(psfs, MIDDLE),
+        of_captures,
     )
     for (name, prior), way in zip(WAYS.items(), ways, strict=True):
         if name in row:
