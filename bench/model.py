@@ -3,9 +3,9 @@
 `make bench-model` (`python bench/model.py`) takes photographs with simulated cameras whose PSF
 varies over the field, with noise and a colour mosaic. It reconstructs them with PSFs at 1, 5, 9 and
 25 field points, with PSFs captured at nine angles that are half a degree off, with noise (`nolens
-calibrate stitch`), with one PSF and the colours apart, and by the trained prior. It times the
-operator and a photo against those of one PSF, and shows cameras a grid of dots. It writes the
-tables in its part of `docs/model.md`; what was measured is in `--folder`.
+calibrate stitch`), with one PSF and the colours apart, and by the trained prior with nine PSFs of
+either kind. It times the operator and a photo against those of one PSF, and shows cameras a grid of
+dots. It writes the tables in its part of `docs/model.md`; what was measured is in `--folder`.
 """
 
 from __future__ import annotations
